@@ -210,14 +210,18 @@ class Region(Node):
 
     def _chosen(self, images: Images, cameras: Rig | None, file_path: Path | None) -> Selected:
         """The region that the user gave."""
+        size, name = images.size, "the image"
+        if self.frame == "photograph" and not images.as_taken:
+            size, name = _require_rig(cameras).left.size, "the left photograph"
+        return self.given(size, name, file_path)
+
+    def given(self, size: tuple[int, int], name: str, file_path: Path | None) -> Selected:
+        """The region that the user gave, in an image of a size with a name, not with ``auto``."""
         import numpy as np
 
         from dicflow.core.photographs.polygon import Polygon
         from dicflow.core.photographs.region import rectangle
 
-        size, name = images.size, "the image"
-        if self.frame == "photograph" and not images.as_taken:
-            size, name = _require_rig(cameras).left.size, "the left photograph"
         if self.rectangle is not None:
             return Selected([rectangle(*self.rectangle)], size, name)
         if self.polygons is not None:

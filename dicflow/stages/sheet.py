@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.photographs.polygon import Polygon
+    from dicflow.stages.region import Selected
 
 __all__ = ["Sheet", "sentence"]
 
@@ -101,15 +102,14 @@ class Sheet(Node):
 
     def problems(self, joined: Mapping[str, Joined]) -> Iterator[tuple[str, str]]:
         """A region that is drawn up to the border of the photograph."""
-        region, width = joined.get("region"), _image_width(joined)
-        if self.width is not None or region is None or width is None:
+        if self.width is not None or "region" not in joined:
             return
         try:
-            if polygons := _drawn(region):
-                outline = _outline(polygons)
+            if selected := _selected(joined["region"]):
+                outline = _outline(selected.polygons)
                 least, most = outline[:, 1].min(), outline[:, 1].max()
                 for share in _MIDDLE:
-                    _sides_in_view(outline, least + share * (most - least), width)
+                    _sides_in_view(outline, least + share * (most - least), selected.size[0])
         except StageError as error:
             yield "region", str(error)
 
@@ -279,30 +279,17 @@ def _sides_in_view(outline: np.ndarray, y: float, image_width: int) -> tuple[flo
     return sides
 
 
-def _drawn(region: Joined) -> Sequence[Polygon]:
-    """Polygons that the settings or the file of a region give [px of the photograph]; none if it finds them itself."""
-    import numpy as np
-
-    from dicflow.core.photographs.polygon import Polygon
-    from dicflow.core.photographs.region import mask_polygons, rectangle
-    from dicflow.io.region import is_geojson, read_geojson, read_mask
-
-    node = region.node
-    if corners := getattr(node, "rectangle", None):
-        return [rectangle(*corners)]
-    if outlines := getattr(node, "polygons", None):
-        return [Polygon(np.array(one.exterior), tuple(map(np.array, one.holes))) for one in outlines]
-    for file in map(Path, region.files):
-        return read_geojson(file).polygons if is_geojson(file) else mask_polygons(read_mask(file))
-    return []
-
-
-def _image_width(joined: Mapping[str, Joined]) -> int | None:
-    """Width of the photographs of the region as they are measured [px]; None where it is unknown before they are."""
-    images = joined["region"].inputs.get("images") if "region" in joined else None
+def _selected(region: Joined) -> Selected | None:
+    """The region in the photograph; None where it is unknown before anything runs. Raises StageError for a bad mask."""
+    node, images = region.node, region.inputs.get("images")
     if images is None or "left" not in images.facts or getattr(images.node, "orientation", None) == "upright":
         return None
-    return int(images.facts["left"]["width"])
+    if getattr(node, "auto", True) or getattr(node, "frame", None) != "photograph":
+        return None
+    size = int(images.facts["left"]["width"]), int(images.facts["left"]["height"])
+    file = next((Path(file) for file in region.files), None)
+    found: Selected = node.given(size, "the left photograph", file)  # type: ignore[attr-defined]
+    return found
 
 
 def _check_direction(totals: Sequence[Total], forces: np.ndarray) -> None:

@@ -79,7 +79,7 @@ def test_an_edge_out_of_view_is_refused_before_anything_runs(folder, region, mes
 )
 def test_what_may_be_measured_is_not_refused(region, sheet):
     """Both edges in view, a border touched at one end, a region that is not known yet, and a width that is given."""
-    first = {"left": {"width": WIDTH}}
+    first = {"left": {"width": WIDTH, "height": HEIGHT}}
     photos = Joined(Images(left="left/*.png"), ("0",), first, (), {})
     joined = {"region": Joined(Region(**region), (), {}, (), {"images": photos})}
     assert list(Sheet(thickness=0.21, u_thickness=0.005, **sheet).problems(joined)) == []

@@ -179,7 +179,7 @@ def local_polynomial(
         count,
         margin * len(powers),
         _of_whole_window(window, degree, kernel),
-        np.inf if weights is not None else window[0] * window[1],
+        window[0] * window[1] if weights is None and min(window) > degree else np.inf,
     )
     half = (np.array(window) + 1.0) / 2.0
     middle = _kernel_weights(window[0], kernel).max() * _kernel_weights(window[1], kernel).max()
@@ -256,10 +256,15 @@ def _correlate(field: Array, along_row: Array, along_col: Array) -> Array:
 
 @cache
 def _of_whole_window(window: tuple[int, int], degree: int, kernel: Kernel) -> Array:
-    """Weights (n, n) of the moments in the coefficients, for a window whose points are all valid and of weight 1."""
+    """Weights (n, n) of the moments in the coefficients, for a window whose points are all valid and of weight 1.
+
+    Zeros where a side has too few points for the degree.
+    """
     rows, cols = (np.stack([_offsets(side) ** a for a in range(2 * degree + 1)]) for side in window)
     of_rows, of_cols = rows @ _kernel_weights(window[0], kernel), cols @ _kernel_weights(window[1], kernel)
     powers = np.array(_powers(degree))
+    if min(window) <= degree:
+        return np.zeros((len(powers), len(powers)))
     a, b = np.moveaxis(powers[:, None] + powers, -1, 0)
     return np.asarray(np.linalg.inv(of_rows[a] * of_cols[b]))
 

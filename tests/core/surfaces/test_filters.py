@@ -171,9 +171,31 @@ def test_reach_is_a_distance():
 def test_kernel_as_plain_python():
     field = np.random.default_rng(2).normal(size=(6, 6))
     expected = local_polynomial(field, (5, 5), 2)
-    compiled = {name: getattr(filters, name) for name in ("_solve_all", "factorise", "solve_columns")}
+    compiled = {
+        name: getattr(filters, name) for name in ("_solve_all", "_solve", "_multiply", "factorise", "solve_columns")
+    }
     with pytest.MonkeyPatch.context() as patch:
         for name, kernel in compiled.items():
             patch.setattr(filters, name, getattr(kernel, "py_func", kernel))
         plain = local_polynomial(field, (5, 5), 2)
     assert np.allclose(plain.value, expected.value, atol=1e-12)
+
+
+@pytest.mark.parametrize("window", [(3, 3), (3, 15), (15, 3)])
+def test_a_side_with_too_few_points_for_the_degree_gives_nothing(window):
+    fit = local_polynomial(np.random.default_rng(1).normal(size=(20, 20)), window, 3)
+    assert np.isnan(fit.value).all()
+    assert np.isnan(fit.leverage).all()
+
+
+def test_whole_windows_are_fitted_as_any_other():
+    """With weights that are all alike, each window solves its own equations."""
+    rng = np.random.default_rng(4)
+    field = rng.normal(size=(25, 21, 2))
+    field[3, 5] = np.nan
+    for kernel in ("box", "tricube"):
+        alike = local_polynomial(field, (7, 9), 2, kernel=kernel)
+        each = local_polynomial(field, (7, 9), 2, kernel=kernel, weights=np.full((25, 21), 2.0))
+        for one, other in zip(alike[:3], each[:3], strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-13)
+        np.testing.assert_allclose(alike.leverage, each.leverage, atol=1e-14)
