@@ -39,7 +39,11 @@ def scatter_over_stated(surface: MeasuredSurface, subsets: GridOfSubsets) -> Arr
     independent = max(1.0, len(at) * (subsets.step / subsets.size) ** 2)
     limit = max(_NEGLIGIBLE, _STANDARD_ERRORS * _RELATIVE_ERROR / np.sqrt(independent))
     some = np.ascontiguousarray(at[:: 1 + len(at) // _POINTS])
-    least = np.min([_ratios(surface, some, side) for side in _sides(subsets)], axis=0)
+    least = np.full(3, np.inf)
+    for side in _sides(subsets):
+        least = np.minimum(least, _ratios(surface, some, side))
+        if (least <= 1.0 + limit).all():
+            break
     return np.asarray(np.where(least > 1.0 + limit, least, 1.0))
 
 
