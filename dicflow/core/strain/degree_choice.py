@@ -16,7 +16,14 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Codes, Counts, Index
 from dicflow.core.strain.deformation_gradient import MeasuredSurface, SurfaceGradient
-from dicflow.core.strain.remaining_bias import CUBIC, RelativeBias, WindowFit, relative_bias
+from dicflow.core.strain.remaining_bias import (
+    CUBIC,
+    RelativeBias,
+    WindowFit,
+    at_least,
+    relative_bias,
+    relative_bias_at_rims,
+)
 from dicflow.core.strain.unseen_jumps import UnseenJumps
 from dicflow.core.strain.window_fits import places_of, terms_of_degree
 
@@ -61,16 +68,32 @@ def chosen_gradient(
     jumps : across which the windows reach; None without any
     """
     chosen, least = _unknown(surface.known.shape), np.full(surface.known.shape, np.inf)
-    left = surface.known
-    for fit in fits:
+    left, taken = surface.known, np.full(surface.known.shape, -1)
+    for number, fit in enumerate(fits):
         if not left.any():
             break
         relative = relative_bias(surface, fit, left)
-        better = _take_better(chosen, least, surface, fit, relative, places_of(left))
-        if jumps is not None:
-            chosen.bias[tuple(better.T)] = _with_jumps(chosen, jumps, surface, fit, better)
+        taken[tuple(_take_better(chosen, least, surface, fit, relative, places_of(left)).T)] = number
         left = left & (_WEIGHT * np.diagonal(relative.near, axis1=-2, axis2=-1).max(axis=-1) > 1.0)
+    for number, fit in enumerate(fits):
+        at = places_of(taken == number)
+        _state_rims(chosen, surface, fit, at)
+        if jumps is not None:
+            chosen.bias[tuple(at.T)] = _with_jumps(chosen, jumps, surface, fit, at)
     return chosen
+
+
+def _state_rims(chosen: ChosenGradient, surface: MeasuredSurface, fit: WindowFit, at: Index) -> None:
+    """Set the bias of a fit at rows and columns (n, 2) whose windows have gaps to what these points show alone."""
+    rims, moments = relative_bias_at_rims(surface, fit, at)
+    scale = _scale(chosen.surface.covariance[tuple(rims.T)])
+    chosen.bias[tuple(rims.T)] = scale * at_least(chosen.bias[tuple(rims.T)] / scale, moments)
+
+
+def _scale(covariance: Array) -> Array:
+    """Products (n, 4, 4) of the standard deviations of covariances (n, 4, 4)."""
+    sigma = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    return np.asarray(sigma[:, :, None] * sigma[:, None])
 
 
 def _with_jumps(
@@ -110,8 +133,7 @@ def _take_better(
     least : the sums of variance and bias, of those before
     """
     found = surface.gradient(at, *fit)
-    sigma = np.sqrt(np.diagonal(found.covariance, axis1=-2, axis2=-1))
-    scale = sigma[:, :, None] * sigma[:, None]
+    scale = _scale(found.covariance)
     near, bias = (scale * moments[at[:, 0], at[:, 1]] for moments in relative)
     total = np.trace(found.covariance + _WEIGHT * near, axis1=-2, axis2=-1)
     better = total < least[at[:, 0], at[:, 1]]

@@ -24,7 +24,7 @@ from dicflow.core.strain.deformation_gradient import MeasuredSurface
 from dicflow.core.strain.window_fits import places_of, polynomial_terms, terms_of_degree, widened
 from dicflow.core.threads import over
 
-__all__ = ["CUBIC", "RelativeBias", "WindowFit", "at_least", "relative_bias"]
+__all__ = ["CUBIC", "RelativeBias", "WindowFit", "at_least", "relative_bias", "relative_bias_at_rims"]
 
 
 CUBIC = 3
@@ -144,11 +144,13 @@ def relative_bias(surface: MeasuredSurface, fit: WindowFit, wanted: Mask) -> Rel
         alone = samples.cells(places, _squares_beyond(_ALONE_SIGMAS, bias, _variances(covariance)))
         largest = _larger(largest, _smaller(*excess))
         mean = at_least(_larger(mean, _square_of_mean(samples, places, bias, covariance)), alone)
-    near, stated = (samples.on_grid(moments, wanted.shape) for moments in (largest, at_least(largest, mean)))
-    rims = places_of(wanted & _with_gaps(surface, fit.window))
-    rows, cols = rims.T
-    stated[rows, cols] = at_least(stated[rows, cols], _of_single_points(surface, rims, fit))
-    return RelativeBias(near, stated)
+    return RelativeBias(*(samples.on_grid(moments, wanted.shape) for moments in (largest, at_least(largest, mean))))
+
+
+def relative_bias_at_rims(surface: MeasuredSurface, fit: WindowFit, at: Index) -> tuple[Index, Array]:
+    """Those of rows and columns (n, 2) whose windows have gaps, and moments (m, 4, 4) by their own changes alone."""
+    rims = np.ascontiguousarray(at[_with_gaps(surface, fit.window)[tuple(at.T)]])
+    return rims, _of_single_points(surface, rims, fit)
 
 
 def _all_estimates(surface: MeasuredSurface, places: Index, fit: WindowFit) -> Iterator[tuple[Array, Array]]:
