@@ -17,6 +17,7 @@ from dicflow.kinds.quantities import ERRORS, QUANTITIES, unit_of
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.total import Total, gradient_measures
 from dicflow.stages._probed import beside, probe_error
+from dicflow.stages._unmeasured import extent_text, has_value, missing_facts, probes_text
 
 if TYPE_CHECKING:
     import numpy as np
@@ -112,7 +113,7 @@ class Probes(Node):
         readings: list[dict[str, Readings]] = [one.readings for one in seen]
         missing = self._unmeasured(readings, [one.facts["extent"] for one in seen])
         readings.insert(0, _at_first_step(readings, missing))
-        facts, parts = {**seen[0].facts["gauge"], **_missing_facts(missing)}, ["", *ERRORS]
+        facts, parts = {**seen[0].facts["gauge"], **missing_facts(missing)}, ["", *ERRORS]
         if not seen[0].facts["scaled"] and (rig is None or CalibratedRig.read(rig).covariance is None):
             parts.remove("calibration_")
         rows = [
@@ -180,10 +181,10 @@ class Probes(Node):
 
         extents : of the measured points at each step
         """
-        names = [name for name in readings[0] if not any(map(_is_known, (reading[name] for reading in readings)))]
-        reason = f"lies where no step has a measured point; {_extent_text(extents, self.unit)}"
+        names = [name for name in readings[0] if not any(map(has_value, (reading[name] for reading in readings)))]
+        reason = f"lies where no step has a measured point; {extent_text(extents, self.unit)}"
         if len(names) == len(readings[0]):
-            raise StageError(f"{_probes_text(names)} {reason}")
+            raise StageError(f"{probes_text(names)} {reason}")
         return dict.fromkeys(names, reason)
 
     def _variables(self, readings: list[dict[str, Readings]], unit: str, parts: Sequence[str]) -> dict[str, Variable]:
@@ -357,31 +358,6 @@ def _samples(line: Line) -> np.ndarray:
 
     start, end = _array(line)
     return np.asarray(np.linspace(start, end, _SAMPLES))
-
-
-def _is_known(readings: Readings) -> bool:
-    return any(math.isfinite(reading.value) for reading in readings.values())
-
-
-def _probes_text(names: Sequence[str]) -> str:
-    listed = ", ".join(f"'{name}'" for name in names)
-    return f"probe {listed}" if len(names) == 1 else f"each of the probes {listed}"
-
-
-def _extent_text(extents: Sequence[list[float]], unit: str) -> str:
-    """Where a probe may lie."""
-    known = [extent for extent in extents if extent]
-    if not known:
-        return "no step has one anywhere; look at the correlation"
-    least, most = ([choose(column) for column in zip(*known, strict=True)] for choose in (min, max))
-    x, y = f"x {least[0]:.4g} … {most[2]:.4g}", f"y {least[1]:.4g} … {most[3]:.4g}"
-    return f"move it into the region: points are measured at {x}, {y} {unit} of the first step"
-
-
-def _missing_facts(missing: Mapping[str, str]) -> dict[str, Any]:
-    """Attributes for the probes without a value, if there are any: why, and the warning of it."""
-    sentences = [f"{_probes_text(list(missing))} {reason}" for reason in set(missing.values())]
-    return {"unmeasured": dict(missing), "warnings": sentences} if missing else {}
 
 
 def _at_first_step(readings: list[dict[str, Readings]], missing: Collection[str]) -> dict[str, Readings]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
@@ -14,6 +14,7 @@ from dicflow.errors import StageError
 from dicflow.kinds.images import Images
 from dicflow.kinds.region import Region as RegionProduct
 from dicflow.kinds.rig import CalibratedRig
+from dicflow.stages._selected import Selected
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -57,15 +58,6 @@ def _ordered(value: tuple[float, float, float, float]) -> tuple[float, float, fl
     if not (x0 < x1 and y0 < y1):
         raise ValueError("a rectangle is [x0, y0, x1, y1] with x0 < x1 and y0 < y1")
     return value
-
-
-class Selected(NamedTuple):
-    """A region in the pixels of an image: ``name`` in messages, ``size`` (width, height), lines to cut along [px]."""
-
-    polygons: Sequence[Polygon]
-    size: tuple[int, int]
-    name: str
-    cuts: Sequence[np.ndarray] = ()
 
 
 class Region(Node):

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.photographs.polygon import Polygon
-    from dicflow.stages.region import Selected
+    from dicflow.stages._selected import Selected
 
 __all__ = ["Sheet", "sentence"]
 
