@@ -363,6 +363,14 @@ def test_gaps_do_not_fade_what_cannot_show_them(seen):
         assert seen.js(drawn) == before
 
 
+def test_a_picture_has_the_pixels_of_its_place_whenever_it_is_drawn(seen):
+    """Also before the browser has told its size, which it does with the next frame."""
+    seen.js("explorer.stage.canvas.width = explorer.stage.canvas.height = 7")
+    seen.js("explorer.redraw()")
+    sizes = seen.js("[explorer.stage.canvas, explorer.stage.element].map((one) => [one.clientWidth, one.clientHeight])")
+    assert seen.js("[explorer.stage.canvas.width, explorer.stage.canvas.height]") == sizes[0] == sizes[1]
+
+
 def test_names_of_others_are_text(seen):
     seen.page.get_by_label("quantity").select_option(index=2)
     seen.settled()

@@ -36,7 +36,7 @@ export class Stage {
     this.pointers = new Map();
     this.fitted = "";
     this._listen();
-    new ResizeObserver(() => this._resized()).observe(this.element);
+    new ResizeObserver(() => this.reset()).observe(this.element);
     addEventListener("beforeprint", () => this._fitPaper());
   }
 
@@ -48,13 +48,16 @@ export class Stage {
     return this.host.scene.camera !== "space";
   }
 
-  _resized() {
+  // Gives the canvas the pixels of the screen below it, and tells whether there are any.
+  _sized() {
     const [width, height] = this.size;
+    if (!width || !height) return false;
     const ratio = Math.min(MOST_PIXELS, globalThis.devicePixelRatio || 1);
-    if (!width || !height) return;
-    [this.canvas.width, this.canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
+    const [wide, high] = [Math.round(width * ratio), Math.round(height * ratio)];
+    if (this.canvas.width !== wide || this.canvas.height !== high)
+      [this.canvas.width, this.canvas.height] = [wide, high];
     this.overlay.setAttribute("viewBox", `0 0 ${width} ${height}`);
-    this.reset();
+    return true;
   }
 
   /** On paper the picture keeps its pixels and is scaled as a whole, since nothing is drawn once a page is laid out. */
@@ -116,7 +119,7 @@ export class Stage {
   /** Draws the frame of the host. */
   draw() {
     const { frame, scene } = this.host;
-    if (!this.canvas.width || !this.size[0]) return;
+    if (!this._sized()) return;
     this._fit();
     this._place();
     this.painter.clear();
