@@ -117,6 +117,7 @@ def _job_options(spec: ClusterSpec, folder: Path) -> dict[str, Any]:
     if not {"security", "protocol"} & given.keys():
         given |= {"security": _certificate(folder), "protocol": "tls://"}
     given.setdefault("log_directory", str(folder))
+    given.setdefault("silence_logs", logging.CRITICAL)  # its own default says again what is said here
     given["scheduler_options"] = {
         "dashboard": False,
         "dashboard_address": _LOOPBACK,

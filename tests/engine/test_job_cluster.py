@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import subprocess
@@ -59,12 +60,22 @@ def no_job_left():
     return squeue("-n", "dask-worker") == []
 
 
-def test_a_lost_job_costs_its_task_only(machine, folder, store, tmp_path):
+@pytest.fixture
+def dasks_words():
+    """A handler of what dask logs, as the console is one."""
+    handler = logging.StreamHandler()
+    logging.getLogger("distributed").addHandler(handler)
+    yield handler
+    logging.getLogger("distributed").removeHandler(handler)
+
+
+def test_a_lost_job_costs_its_task_only(machine, folder, store, tmp_path, dasks_words):
     """Two jobs; one is cancelled as the first task is done. The products are those of a run here, each made once."""
-    lost, seen = [], []
+    lost, seen, levels = [], [], set()
 
     def on_event(event):
         seen.append(event)
+        levels.add(dasks_words.level)
         if event.kind == "finished" and event.stage == "scale" and not lost:
             lost.extend(squeue("-o", "%i")[:1])
             subprocess.run(["scancel", *lost], check=True)
@@ -80,6 +91,7 @@ def test_a_lost_job_costs_its_task_only(machine, folder, store, tmp_path):
     assert jobs.stat().st_mode & 0o777 == 0o700
     assert {path.suffix for path in jobs.iterdir()} <= {".out", ".err"}, "the certificate is gone"
     assert not [event for event in seen if event.kind == "warning"], "encrypted: nothing to warn of"
+    assert levels <= {logging.NOTSET, logging.CRITICAL}, "dask says again what is said here"
 
 
 def test_a_run_with_nothing_to_do_starts_no_job(folder, store):
