@@ -15,7 +15,7 @@ from dicflow.report.context import Context, Section
 from dicflow.report.main_fields import main_fields
 from dicflow.report.rendering import render
 from dicflow.report.step_summaries import step_summaries
-from dicflow.report.words import number, percent
+from dicflow.report.words import least_percent, number
 
 __all__ = ["Seen", "Verdict", "answer", "verdict"]
 
@@ -93,7 +93,7 @@ def verdict(manifest: Manifest, seen: Seen, warnings: int, failures: int) -> Ver
 
 def _floor(share: float, steps: int) -> str:
     """A share below one, rounded downwards; of several steps the least."""
-    return ("at least " if steps > 1 else "") + percent(math.floor(1000.0 * share) / 1000.0)
+    return ("at least " if steps > 1 else "") + least_percent(share)
 
 
 def _peak(manifest: Manifest) -> str:

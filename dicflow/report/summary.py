@@ -12,7 +12,7 @@ from dicflow.report.context import Context, Section
 from dicflow.report.history import EXTENSOMETERS, Column, History, step_history
 from dicflow.report.rendering import render
 from dicflow.report.rest import at_rest
-from dicflow.report.words import date, duration, number, percent
+from dicflow.report.words import date, duration, least_percent, number, percent
 
 __all__ = ["summary"]
 
@@ -113,7 +113,7 @@ def _facts(context: Context, history: History | None) -> list[tuple[str, str, st
         facts.append(("Steps", str(len(history.steps)), f"{history.steps[0]} … {history.steps[-1]}"))
         shares = [share for share in history.valid_share if share is not None]
         if shares:
-            facts.append(("Points with a value", percent(min(shares)), "least of all steps"))
+            facts.append(("Points with a value", least_percent(min(shares)), "least of all steps"))
     if len(result.values) > 1:
         facts.append(("Variants", str(len(result.values)), "below is the first; see Sweep"))
     facts += (
@@ -153,7 +153,7 @@ def _rows(history: History) -> list[list[str]]:
             step,
             *history.phases[index : index + 1],
             *(number(history.values[column.key][index]) for column in history.columns),
-            "reference" if index == 0 else percent(history.valid_share[index]),
+            "reference" if index == 0 else least_percent(history.valid_share[index]),
         ]
         for index, step in enumerate(history.steps)
         if all(index < len(values) for values in history.values.values())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 
-__all__ = ["date", "duration", "number", "percent"]
+__all__ = ["date", "duration", "least_percent", "number", "percent"]
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -24,6 +24,11 @@ def number(value: float | None, digits: int = 4) -> str:
 def percent(share: float | None) -> str:
     """A share of one in percent."""
     return "–" if share is None or not math.isfinite(share) else f"{100.0 * share:.1f} %".replace("-", "−")
+
+
+def least_percent(share: float | None) -> str:
+    """A share of one in percent, rounded downwards, so that 100 % are all."""
+    return percent(share if share is None or not math.isfinite(share) else math.floor(1000.0 * share + 1e-6) / 1000.0)
 
 
 def duration(seconds: float) -> str:

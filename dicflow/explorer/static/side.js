@@ -227,7 +227,8 @@ export class Side {
       `Values are rounded by at most ${rounding}${errors}.`,
       ...manifest.left_out.map((one) => `${capital(one)}.`),
     ];
-    const valid = html("strong", {}, share((step.counts[0] || 0) + (step.counts[1] || 0)));
+    const found = (step.counts[0] || 0) + (step.counts[1] || 0);
+    const valid = html("strong", {}, found === whole ? "100 %" : `${fixed(Math.floor((1000 * found) / whole) / 10, 1)} %`);
     const measured = [valid, ` of ${whole.toLocaleString("en")} points have a value at ${step.name}`];
     this.facts.replaceChildren(
       html("p", { class: "x-valid" }, ...(step.valid === null ? ["This step was not measured."] : measured)),
