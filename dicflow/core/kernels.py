@@ -2,7 +2,24 @@
 
 from __future__ import annotations
 
+from numba.np import linalg
+
 __all__ = ["INNER"]
+
+
+def _load_without_scipy() -> None:
+    """Load the arrays of numba, which loads all of scipy's linear algebra to see whether it is there.
+
+    That takes 0.14 s, more than the kernels, none of which needs it. One that did would load it where it is compiled.
+    """
+    look, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    try:
+        import numba.np.arraymath  # noqa: F401
+    finally:
+        linalg.ensure_blas = look
+
+
+_load_without_scipy()
 
 INNER = {"nogil": True, "no_cfunc_wrapper": True, "forceinline": True}
 """Options of a function that kernels call: no file of its own is kept, and no entrance from C. Python may call it.

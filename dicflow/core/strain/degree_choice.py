@@ -85,7 +85,7 @@ def chosen_gradient(
 
 def _state_rims(chosen: ChosenGradient, surface: MeasuredSurface, fit: WindowFit, at: Index) -> None:
     """Set the bias of a fit at rows and columns (n, 2) whose windows have gaps to what these points show alone."""
-    rims, moments = relative_bias_at_rims(surface, fit, at)
+    rims, moments = relative_bias_at_rims(surface, fit, at, chosen.surface)
     scale = _scale(chosen.surface.covariance[tuple(rims.T)])
     chosen.bias[tuple(rims.T)] = scale * at_least(chosen.bias[tuple(rims.T)] / scale, moments)
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.parts import beside_borders
-from dicflow.core.strain.deformation_gradient import MeasuredSurface
+from dicflow.core.strain.deformation_gradient import MeasuredSurface, SurfaceGradient
 from dicflow.core.strain.window_fits import places_of, polynomial_terms, terms_of_degree, widened
 from dicflow.core.threads import over
 
@@ -136,7 +136,8 @@ def relative_bias(surface: MeasuredSurface, fit: WindowFit, wanted: Mask) -> Rel
     largest, mean = np.zeros((2, *samples.shape, 4, 4))
     if len(places) == 0:
         return RelativeBias(*np.zeros((2, rows, cols, 4, 4)))
-    for bias, covariance in _all_estimates(surface, places, fit):
+    found = surface.gradient(places, *fit)
+    for bias, covariance in _all_estimates(surface, places, fit, found):
         excess = [
             _mean_excess(samples, places, bias, covariance, *limits)
             for limits in ((_STANDARD_ERRORS, _EVERYWHERE), (_STANDARD_ERRORS_NEAR, _NEAR))
@@ -147,17 +148,31 @@ def relative_bias(surface: MeasuredSurface, fit: WindowFit, wanted: Mask) -> Rel
     return RelativeBias(*(samples.on_grid(moments, wanted.shape) for moments in (largest, at_least(largest, mean))))
 
 
-def relative_bias_at_rims(surface: MeasuredSurface, fit: WindowFit, at: Index) -> tuple[Index, Array]:
-    """Those of rows and columns (n, 2) whose windows have gaps, and moments (m, 4, 4) by their own changes alone."""
+def relative_bias_at_rims(
+    surface: MeasuredSurface, fit: WindowFit, at: Index, found: SurfaceGradient
+) -> tuple[Index, Array]:
+    """Those of rows and columns (n, 2) whose windows have gaps, and moments (m, 4, 4) by their own changes alone.
+
+    found : (row, col, …) — the gradients by the fit there
+    """
     rims = np.ascontiguousarray(at[_with_gaps(surface, fit.window)[tuple(at.T)]])
-    return rims, _of_single_points(surface, rims, fit)
+    here = SurfaceGradient(*(field[tuple(rims.T)] for field in found))
+    return rims, _of_single_points(surface, rims, fit, here)
 
 
-def _all_estimates(surface: MeasuredSurface, places: Index, fit: WindowFit) -> Iterator[tuple[Array, Array]]:
-    """Biases (n, 4) by each change and their covariances (n, 4, 4) at rows and columns (n, 2), n > 0."""
-    chunks = np.array_split(places, -(-len(places) // _CHUNK))
-    found = over(surface.threads, lambda part: list(_estimates(surface, part, fit)), chunks)
-    for parts in zip(*found, strict=True):
+def _all_estimates(
+    surface: MeasuredSurface, places: Index, fit: WindowFit, found: SurfaceGradient
+) -> Iterator[tuple[Array, Array]]:
+    """Biases (n, 4) by each change and their covariances (n, 4, 4) at rows and columns (n, 2), n > 0.
+
+    found : (n, …) — the gradients by the fit there
+    """
+    count = -(-len(places) // _CHUNK)
+    chunks = zip(*(np.array_split(field, count) for field in (places, *found)), strict=True)
+    estimates = over(
+        surface.threads, lambda part: list(_estimates(surface, part[0], fit, SurfaceGradient(*part[1:]))), chunks
+    )
+    for parts in zip(*estimates, strict=True):
         bias, covariance = (np.concatenate(field) for field in zip(*parts, strict=True))
         yield bias, covariance
 
@@ -169,10 +184,10 @@ def _with_gaps(surface: MeasuredSurface, window: tuple[int, int]) -> Mask:
     return np.asarray(cv2.erode(whole, np.ones(window, dtype=np.uint8))[1:-1, 1:-1] == 0, dtype=np.bool_)
 
 
-def _of_single_points(surface: MeasuredSurface, places: Index, fit: WindowFit) -> Array:
+def _of_single_points(surface: MeasuredSurface, places: Index, fit: WindowFit, found: SurfaceGradient) -> Array:
     """Second moments (n, 4, 4) of the bias at rows and columns (n, 2), each by the changes of this point alone."""
     largest = np.zeros((len(places), 4, 4))
-    for bias, covariance in _all_estimates(surface, places, fit) if len(places) else ():
+    for bias, covariance in _all_estimates(surface, places, fit, found) if len(places) else ():
         largest = at_least(largest, _squares_beyond(_MEAN_SIGMAS, bias, _variances(covariance)))
     return largest
 
@@ -209,10 +224,11 @@ def _smaller(first: Array, second: Array) -> Array:
     return np.where(is_less[..., None, None], second, first)
 
 
-def _estimates(surface: MeasuredSurface, at: Index, fit: WindowFit) -> Iterator[tuple[Array, Array]]:
+def _estimates(
+    surface: MeasuredSurface, at: Index, fit: WindowFit, found: SurfaceGradient
+) -> Iterator[tuple[Array, Array]]:
     """Biases (n, 4) of the gradient by each change, in units of the fit's σ, and their covariances (n, 4, 4)."""
     own = surface.points.slope_weights(at, *fit)
-    found = surface.gradient_by(at, own)
     sigma = np.sqrt(np.diagonal(found.covariance, axis1=-2, axis2=-1))
     with np.errstate(invalid="ignore", divide="ignore"):
         for weights, share in _changes(surface, at, fit, own):

@@ -60,10 +60,12 @@ class WindowedPoints(NamedTuple):
 
         functionals : (n or 1, m, terms) — coefficients of the :func:`polynomial_terms` in each
         """
-        count = functionals.shape[-1]
-        terms = polynomial_terms(window, count)
-        needed = max(_MIN_POINTS_PER_TERM * count, self.min_share * window[0] * window[1])
-        return np.asarray(_fit_weights(self.weights, self.parts, at, terms, np.ascontiguousarray(functionals), needed))
+        powers = _powers(functionals.shape[-1])
+        needed = max(_MIN_POINTS_PER_TERM * len(powers), self.min_share * window[0] * window[1])
+        exponents = np.arange(2 * int(powers.sum(axis=1).max()) + 1)[:, None]
+        down, across = (_offsets(side) ** exponents for side in window)
+        wanted = np.ascontiguousarray(functionals)
+        return np.asarray(_fit_weights(self.weights, self.parts, at, (down, across), powers, wanted, needed))
 
     def sums(self, at: Index, weights: Array) -> Array:
         """Sums (n, m, k) of the values with weights (n, m, high, wide)."""
@@ -93,9 +95,19 @@ def terms_of_degree(degree: int) -> int:
 
 def polynomial_terms(window: tuple[int, int], count: int) -> Array:
     """The first terms 1, y, x, y², y x, x², … at the points of a window, (count, high, wide); x, y = ±1 beyond it."""
-    down, across = (2.0 * np.arange(-(side // 2), side // 2 + 1) / (side + 1.0) for side in window)
-    powers = [(total - b, b) for total in range(count) for b in range(total + 1)][:count]
-    return np.stack([np.outer(down**a, across**b) for a, b in powers])
+    down, across = map(_offsets, window)
+    return np.stack([np.outer(down**a, across**b) for a, b in _powers(count)])
+
+
+def _powers(count: int) -> Index:
+    """Exponents (a, b) of yᵃ xᵇ in the first terms, (count, 2)."""
+    powers = [(total - b, b) for total in range(count) for b in range(total + 1)]
+    return np.array(powers[:count], dtype=np.int64)
+
+
+def _offsets(side: int) -> Array:
+    """Coordinates (side,) of the rows or columns of a window, ±1 beyond it."""
+    return np.asarray(2.0 * np.arange(-(side // 2), side // 2 + 1) / (side + 1.0))
 
 
 def widened(weights: Array, window: tuple[int, int]) -> Array:
@@ -111,118 +123,147 @@ def _padded(field: Array, weights: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _fit_weights(weights: Array, parts: Parts, at: Index, terms: Array, functionals: Array, needed: float) -> Array:
-    """See :meth:`WindowedPoints.functional_weights`; needed : least number of points."""
-    size, high, wide = terms.shape
+def _fit_weights(
+    weights: Array,
+    parts: Parts,
+    at: Index,
+    along: tuple[Array, Array],
+    powers: Index,
+    functionals: Array,
+    needed: float,
+) -> Array:
+    """See :meth:`WindowedPoints.functional_weights`.
+
+    along : powers of y at the rows of a window (2 · degree + 1, high), and of x at its columns (2 · degree + 1, wide)
+    powers : (term, 2) — exponents of y and x in the terms; needed : least number of points
+    """
+    (size, high), wide = along[0].shape, along[1].shape[1]
     wanted = functionals.shape[1]
     result = np.full((len(at), wanted, high, wide), np.nan)
-    own = np.empty((high, wide))
-    reached = np.empty((high * wide, 2), dtype=np.int64)
-    matrix = np.empty((size, size))
-    vector = np.empty(size)
+    own, of_columns = np.empty((high, wide)), np.empty((size, wide))
+    moments = np.empty((size, size))
+    matrix, vector = np.empty((len(powers), len(powers))), np.empty(len(powers))
     for n in range(len(at)):
-        count = _connected_weights(weights, parts, at[n], own, reached)
-        if count < needed - 0.5:
+        if _connected_weights(weights, parts, at[n], own) < needed - 0.5:
             continue
-        _normal_matrix(own, terms, reached[:count], matrix)
+        _set_moments(own, along, of_columns, moments)
+        _normal_matrix(moments, powers, matrix)
         if not factorise(matrix, _MIN_PIVOT_SHARE):
             continue
         for m in range(wanted):
-            for i in range(size):
+            for i in range(len(powers)):
                 vector[i] = functionals[n if len(functionals) > 1 else 0, m, i]
             solve(matrix, vector)
-            _weighted_terms(own, terms, vector, result[n, m])
+            _weighted_polynomial(own, along, powers, vector, of_columns, result[n, m])
     return result
 
 
 @njit(**INNER)
-def _connected_weights(weights: Array, parts: Parts, centre: Index, own: Array, reached: Index) -> int:
+def _connected_weights(weights: Array, parts: Parts, centre: Index, own: Array) -> int:
     """Set the weights (high, wide) of the points of a window to which a way leads from its centre, 0 for others.
 
-    reached : (high · wide, 2) — set to the places of these points in the window. Returns their number.
+    Returns their number.
     """
     high, wide = own.shape
     top, left = centre[0] - high // 2, centre[1] - wide // 2
-    count: int = _all_weights(weights, parts, centre, own, reached)
-    if count > 0:
-        return count
-    for i in range(high):
-        for j in range(wide):
-            own[i, j] = 0.0
-    own[high // 2, wide // 2] = weights[centre[0], centre[1]]
-    reached[0, 0], reached[0, 1] = high // 2, wide // 2
-    count, done = 1, 0
-    while done < count:
-        row, col = reached[done, 0], reached[done, 1]
-        done += 1
-        for i in range(max(row - 1, 0), min(row + 2, high)):
-            for j in range(max(col - 1, 0), min(col + 2, wide)):
-                a, b = top + i, left + j
-                if own[i, j] != 0.0 or not (0 <= a < weights.shape[0] and 0 <= b < weights.shape[1]):
-                    continue
-                if weights[a, b] == 0.0 or are_apart(parts, centre[0], centre[1], a, b):
-                    continue
-                if not _is_further(i - high // 2, j - wide // 2, row - high // 2, col - wide // 2):
-                    continue
-                own[i, j] = weights[a, b]
-                reached[count, 0], reached[count, 1] = i, j
-                count += 1
-    return count
-
-
-@njit(**INNER)
-def _is_further(i: int, j: int, row: int, col: int) -> bool:
-    """Whether a point at (i, j) from the centre is further away on the grid than one at (row, col)."""
-    return max(abs(i), abs(j)) > max(abs(row), abs(col))
-
-
-@njit(**INNER)
-def _all_weights(weights: Array, parts: Parts, centre: Index, own: Array, reached: Index) -> int:
-    """The same for a window without missing points and other parts; returns 0 for any other window."""
-    high, wide = own.shape
-    top, left = centre[0] - high // 2, centre[1] - wide // 2
-    part = parts.number[centre[0], centre[1]]
-    if len(parts.cuts) > 0:
-        return 0
-    count = 0
+    count, has_gap = 0, False
     for i in range(high):
         for j in range(wide):
             a, b = top + i, left + j
             own[i, j] = 0.0
             if not (0 <= a < weights.shape[0] and 0 <= b < weights.shape[1]):
                 continue
-            if weights[a, b] == 0.0 or parts.number[a, b] != part:
-                return 0
+            if weights[a, b] == 0.0 or are_apart(parts, centre[0], centre[1], a, b):
+                has_gap = True
+                continue
             own[i, j] = weights[a, b]
-            reached[count, 0], reached[count, 1] = i, j
             count += 1
-    return count
+    return count - _hide(own) if has_gap else count
 
 
 @njit(**INNER)
-def _normal_matrix(own: Array, terms: Array, reached: Index, matrix: Array) -> None:
+def _hide(own: Array) -> int:
+    """Set the weights (high, wide) of the points to which no way leads from the centre to 0; returns their number.
+
+    Rings of points around the centre follow each other, so that a way leads to a point if one of its neighbours on the
+    ring before counts.
+    """
+    high, wide = own.shape
+    row, col = high // 2, wide // 2
+    hidden = 0
+    for ring in range(2, max(row, col) + 1):
+        for i in range(max(row - ring, 0), min(row + ring + 1, high)):
+            step = 1 if abs(i - row) == ring else 2 * ring
+            for j in range(col - ring, col + ring + 1, step):
+                if 0 <= j < wide and own[i, j] != 0.0 and not _has_way(own, i, j, ring - 1):
+                    own[i, j] = 0.0
+                    hidden += 1
+    return hidden
+
+
+@njit(**INNER)
+def _has_way(own: Array, i: int, j: int, ring: int) -> bool:
+    """Whether a neighbour of a point counts that lies on a ring around the centre."""
+    high, wide = own.shape
+    row, col = high // 2, wide // 2
+    for a in range(max(i - 1, 0), min(i + 2, high)):
+        for b in range(max(j - 1, 0), min(j + 2, wide)):
+            if own[a, b] != 0.0 and max(abs(a - row), abs(b - col)) == ring:
+                return True
+    return False
+
+
+@njit(**INNER)
+def _set_moments(own: Array, along: tuple[Array, Array], of_columns: Array, moments: Array) -> None:
+    """Set the moments Σ w yᵃ xᵇ of the weights of a window, as far as the normal matrix has them.
+
+    of_columns : (a, wide) — set to Σ w yᵃ over each column
+    """
+    down, across = along
+    for a in range(len(down)):
+        for j in range(own.shape[1]):
+            of_columns[a, j] = 0.0
+        for i in range(own.shape[0]):
+            for j in range(own.shape[1]):
+                of_columns[a, j] += down[a, i] * own[i, j]
+        for b in range(len(down) - a):
+            moments[a, b] = 0.0
+            for j in range(own.shape[1]):
+                moments[a, b] += of_columns[a, j] * across[b, j]
+
+
+@njit(**INNER)
+def _normal_matrix(moments: Array, powers: Index, matrix: Array) -> None:
     """Set the lower triangle of the normal matrix of a fit."""
     for i in range(len(matrix)):
         for j in range(i + 1):
-            matrix[i, j] = 0.0
-    for n in range(len(reached)):
-        row, col = reached[n, 0], reached[n, 1]
-        for i in range(len(matrix)):
-            scaled = own[row, col] * terms[i, row, col]
-            for j in range(i + 1):
-                matrix[i, j] += scaled * terms[j, row, col]
+            matrix[i, j] = moments[powers[i, 0] + powers[j, 0], powers[i, 1] + powers[j, 1]]
 
 
 @njit(**INNER)
-def _weighted_terms(own: Array, terms: Array, vector: Array, result: Array) -> None:
-    """Set wₙ Σᵢ vᵢ tᵢₙ over a window."""
-    for row in range(own.shape[0]):
-        for col in range(own.shape[1]):
-            result[row, col] = 0.0
-    for i in range(len(vector)):
-        for row in range(own.shape[0]):
-            for col in range(own.shape[1]):
-                result[row, col] += vector[i] * terms[i, row, col] * own[row, col]
+def _weighted_polynomial(
+    own: Array, along: tuple[Array, Array], powers: Index, vector: Array, of_columns: Array, result: Array
+) -> None:
+    """Set wₙ Σᵢ vᵢ tᵢₙ over a window.
+
+    of_columns : (a, wide) — set to the factors of yᵃ in each column
+    """
+    down, across = along
+    terms = len(down) // 2 + 1
+    for a in range(terms):
+        for j in range(own.shape[1]):
+            of_columns[a, j] = 0.0
+    for k in range(len(powers)):
+        for j in range(own.shape[1]):
+            of_columns[powers[k, 0], j] += vector[k] * across[powers[k, 1], j]
+    for i in range(own.shape[0]):
+        for j in range(own.shape[1]):
+            result[i, j] = 0.0
+        for a in range(terms):
+            for j in range(own.shape[1]):
+                result[i, j] += down[a, i] * of_columns[a, j]
+        for j in range(own.shape[1]):
+            result[i, j] *= own[i, j]
 
 
 @njit(cache=True, nogil=True)
