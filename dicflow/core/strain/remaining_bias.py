@@ -95,6 +95,10 @@ class _Samples(NamedTuple):
         field[places[:, 0] // self.stride, places[:, 1] // self.stride] = values
         return field
 
+    def at(self, places: Index, cells: Array) -> Array:
+        """Values (n, …) of a field of the cells at samples."""
+        return np.asarray(cells[places[:, 0] // self.stride, places[:, 1] // self.stride])
+
     def on_grid(self, cells: Array, shape: tuple[int, ...]) -> Array:
         """A field of the cells (row, col, …) on the whole grid: of each point that of its cell."""
         whole = cells.repeat(self.stride, axis=0).repeat(self.stride, axis=1)
@@ -233,24 +237,34 @@ def _estimates(
     with np.errstate(invalid="ignore", divide="ignore"):
         for weights, share in _changes(surface, at, fit, own):
             slopes = surface.points.sums(at, weights)
-            bias = np.einsum("nfai,nai->nf", found.response, slopes) * share / sigma
+            scale = share[:, None] / sigma
+            bias = np.einsum("nfai,nai->nf", found.response, slopes) * scale
             covariance = surface.covariance_by(at, weights, found.response)
-            yield bias, covariance * share**2 / (sigma[:, :, None] * sigma[:, None])
+            yield bias, covariance * (scale[:, :, None] * scale[:, None])
 
 
-def _changes(surface: MeasuredSurface, at: Index, fit: WindowFit, own: Array) -> Iterator[tuple[Array, float]]:
-    """Weights (n, 2, high, wide) of changes of the slopes, and the share of the bias in each.
+def _changes(surface: MeasuredSurface, at: Index, fit: WindowFit, own: Array) -> Iterator[tuple[Array, Array]]:
+    """Weights (n, 2, high, wide) of changes of the slopes, and the shares (n,) of the bias in each.
 
     own : (n, 2, high, wide) — weights of the fit's slopes
     """
     points = surface.points
     for degree in range(fit.degree + 1, CUBIC + 1):
         errors = _errors_of_terms(own, fit.pilot, terms_of_degree(degree))
-        yield points.functional_weights(at, fit.pilot, errors), 1.0
+        yield points.functional_weights(at, fit.pilot, errors), np.ones(len(at))
     if fit.degree >= CUBIC:
-        ratio = np.sqrt(np.prod(fit.pilot) / np.prod(fit.window))
         weights = points.slope_weights(at, fit.pilot, fit.degree) - widened(own, fit.pilot)
-        yield weights, float(1.0 / (ratio**fit.degree - 1.0))
+        yield weights, _share_of_bias(surface, at, fit)
+
+
+def _share_of_bias(surface: MeasuredSurface, at: Index, fit: WindowFit) -> Array:
+    """Shares (n,) of the bias in the change from the fit to one of its degree in the pilot's window.
+
+    The bias grows with the power d of the side, or, of odd degrees d in windows without gaps, with the power d + 1.
+    """
+    ratio = np.sqrt(np.prod(fit.pilot) / np.prod(fit.window))
+    whole = ~_with_gaps(surface, fit.window)[tuple(at.T)]
+    return np.asarray(1.0 / (ratio ** (fit.degree + whole * (fit.degree % 2)) - 1.0))
 
 
 def _errors_of_terms(own: Array, window: tuple[int, int], count: int) -> Array:
@@ -297,19 +311,22 @@ def _mean_excess(
 def _square_of_mean(samples: _Samples, places: Index, bias: Array, covariance: Array) -> Array:
     """Square of the mean of δF over several windows, less its variance, where it stands out; (row, col, 4, 4).
 
-    What stands out alone is no part of it: it belongs to its neighbours.
+    What stands out alone is no part of it: it belongs to its neighbours. At first that is what exceeds noise, and then
+    what exceeds noise about the mean of the others, without which a mean of several standard errors would lose the
+    largest of its parts.
     """
     places, bias, noise, weight = _weighted(places, bias, covariance)
-    weight[(bias**2 > _ALONE_SIGMAS**2 * noise).any(axis=1)] = 0.0
-    weights, products, variances = (
-        samples.cells(places, values) for values in (weight, weight * bias, weight**2 * noise)
-    )
-    share = samples.sums(weights, _FAR)
+    mean = np.zeros((*samples.shape, bias.shape[1]))
+    for _ in range(2):
+        alone = (samples.at(places, mean) - bias) ** 2 > _ALONE_SIGMAS**2 * noise
+        counts = np.where(alone.any(axis=1, keepdims=True), 0.0, weight)
+        weights, products = (samples.cells(places, values) for values in (counts, counts * bias))
+        share = samples.sums(weights, _FAR)
+        mean = np.divide(samples.sums(products, _FAR), share, out=np.zeros_like(mean), where=share > 0.0)
     near = share[..., 0] > 0.0
-    mean = samples.sums(products, _FAR)[near] / share[near]
-    variance = np.maximum(samples.variances(variances, _FAR)[near], 0.0) / share[near] ** 2
+    variance = samples.variances(samples.cells(places, counts**2 * noise), _FAR)[near]
     result = np.zeros((*samples.shape, 4, 4))
-    result[near] = _squares_beyond(_MEAN_SIGMAS, mean, variance)
+    result[near] = _squares_beyond(_MEAN_SIGMAS, mean[near], np.maximum(variance, 0.0) / share[near] ** 2)
     return result
 
 

@@ -4,6 +4,10 @@ Subsets on the line of a jump J average both sides, so that their places rise ac
 from the line and r the **profile** of a subset, from −1/2 to 1/2 over its side. J is a coefficient of a least-squares
 fit to the displacements around a point: a polynomial of degree 3, which follows smooth motion, and J r(δ), for lines in
 four directions. It is a weighted sum of points, so that its covariance is known.
+
+Steep motion that is smooth may look like a jump. A term of degree 5 across the line follows it, and leaves of a jump
+what it was: the smaller J of both fits counts. The scatter of J over all points, most of which have no jump, tells how
+large its standard deviation is; jumps are significant beside that.
 """
 
 from __future__ import annotations
@@ -33,6 +37,8 @@ _DEPTH, _WIDTH = 1.6, 0.7
 _DEGREE, _MIN_POINTS_PER_TERM, _MAX_CONDITION = 3, 1.5, 1e7
 _DOUBTFUL = 4.0
 """Significance above which the errors of all points of a window count one by one."""
+_NORMAL_MEDIANS = (1.0, 0.6745, 1.1774, 1.5382)
+"""Median lengths of vectors of 1, 2 and 3 independent normal variables, in standard deviations; 1 of none."""
 
 
 class GridOfSubsets(NamedTuple):
@@ -80,17 +86,27 @@ class _Fit(NamedTuple):
 
     number : of the normal
     terms : (term, n) — of the points that count, the profile first; places : (n,) — of these in the square
+    steep : (n,) — a term of degree 5 across the line
     """
 
     number: int
     terms: Array
     places: Index
     side: int
+    steep: Array
 
     @property
     def weights(self) -> Array:
         """Weights (side, side) of the points in J where all of them are known."""
-        in_jump = np.asarray(np.linalg.pinv(self.terms.T), dtype=np.float64)[:1]
+        return self._in_jump(self.terms)
+
+    @property
+    def weights_beside_steep(self) -> Array:
+        """The same of a fit that has the steep term too."""
+        return self._in_jump(np.vstack([self.terms, self.steep]))
+
+    def _in_jump(self, terms: Array) -> Array:
+        in_jump = np.asarray(np.linalg.pinv(terms.T), dtype=np.float64)[:1]
         return np.asarray(self.on_square(in_jump)[0])
 
     def on_square(self, values: Array) -> Array:
@@ -123,15 +139,19 @@ def jumps_at_points(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets
     values = points.values[..., :3] - points.values[..., 3:]
     whole = (surface.known & ~beside_borders(points.parts)).astype(np.float64)
     near = grown(lost, np.ones((2 * subsets.reach + 1,) * 2, dtype=np.uint8)) & surface.known
+    ratios = [1.0]
     for fit in _fits(subsets):
         square = fit.on_square(np.ones((1, len(fit.places))))[0]
         complete = (_summed(whole, square) > len(fit.places) - 0.5) & surface.known
         at, jump = places_of(complete), _summed(values, fit.weights)[complete]
-        _take(best, at, *_in_whole_windows(points, errors, at, jump, fit), fit.number)
+        if len(at):
+            beside_steep = _summed(values, fit.weights_beside_steep)[complete]
+            ratios.append(_scatter_over_stated(errors, at, beside_steep, fit.weights_beside_steep))
+            _take(best, at, *_in_whole_windows(points, errors, at, (jump, beside_steep), fit), fit.number)
         at = places_of(near & ~complete)
         if len(at):
             _take(best, *_by_some_points(points, errors, at, fit), fit.number)
-    return best
+    return best._replace(significance=best.significance / np.maximum(np.mean(ratios[1:] or ratios), 1.0))
 
 
 def grown(mask: Mask, by: Codes) -> Mask:
@@ -169,7 +189,7 @@ def _fits(subsets: GridOfSubsets) -> Iterator[_Fit]:
         powers = [x**a * y**b for a in range(_DEGREE + 1) for b in range(_DEGREE + 1 - a)]
         terms = np.stack([subsets.profile(depth * x, normal), *powers])
         if len(places) >= _MIN_POINTS_PER_TERM * len(terms) and np.linalg.cond(terms) ** 2 < _MAX_CONDITION:
-            yield _Fit(number, terms, places, 2 * half + 1)
+            yield _Fit(number, terms, places, 2 * half + 1, x**5)
 
 
 def _summed(values: Array, weights: Array) -> Array:
@@ -178,19 +198,35 @@ def _summed(values: Array, weights: Array) -> Array:
 
 
 def _in_whole_windows(
-    points: WindowedPoints, errors: list[ErrorShare], at: Index, jump: Array, fit: _Fit
+    points: WindowedPoints, errors: list[ErrorShare], at: Index, jumps: tuple[Array, Array], fit: _Fit
 ) -> tuple[Array, Array]:
-    """Jumps (n, 3) at rows and columns (n, 2), around which no point is missing, and their significance (n,)."""
-    rows, cols = at.T
-    covariance = np.sum([one.rho.variance(fit.weights) * one.covariance[rows, cols] for one in errors], axis=0)
-    significance = _in_standard_deviations(jump, covariance)
+    """Jumps (n, 3) at rows and columns (n, 2), around which no point is missing, and their significance (n,).
+
+    jumps : (n, 3) each — by the fit, and by that with the steep term
+    """
+    jump, beside_steep = jumps
+    significance = _in_standard_deviations(jump, _typical_covariance(errors, at, fit.weights))
     doubtful = np.flatnonzero(significance > _DOUBTFUL)
     if len(doubtful):
         here = np.ascontiguousarray(at[doubtful])
         weights = np.broadcast_to(fit.weights, (len(here), 1, *fit.weights.shape))
         covariance = _covariance(points, errors, here, np.ascontiguousarray(weights))
-        significance[doubtful] = _in_standard_deviations(jump[doubtful], covariance)
+        both = [_in_standard_deviations(one[doubtful], covariance) for one in (jump, beside_steep)]
+        significance[doubtful] = np.minimum(*both)
     return jump, significance
+
+
+def _typical_covariance(errors: list[ErrorShare], at: Index, weights: Array) -> Array:
+    """Covariances (n, 3, 3) of sums with weights (side, side), if all points have the errors of the one in the middle."""
+    rows, cols = at.T
+    return np.asarray(np.sum([one.rho.variance(weights) * one.covariance[rows, cols] for one in errors], axis=0))
+
+
+def _scatter_over_stated(errors: list[ErrorShare], at: Index, jump: Array, weights: Array) -> float:
+    """Ratio of the scatter of jumps (n, 3) at rows and columns (n, 2), n > 0, to their standard deviation."""
+    covariance = _typical_covariance(errors, at, weights)
+    axes = int((np.diagonal(covariance, axis1=1, axis2=2) > 0.0).any(axis=0).sum())
+    return float(np.median(_in_standard_deviations(jump, covariance))) / _NORMAL_MEDIANS[axes]
 
 
 def _covariance(points: WindowedPoints, errors: list[ErrorShare], at: Index, weights: Array) -> Array:

@@ -21,7 +21,7 @@ from dicflow.core.strain.window_fits import places_of
 __all__ = ["UnseenJumps", "cut_by_jumps", "unseen_jumps"]
 
 
-_SIGMAS = 6.0
+_SIGMAS = 5.4
 """Significance above which a jump counts; on rendered photographs noise reaches it in one of 10,000 points."""
 _OF_BAND = 1.0 / 3.0**0.5
 """Standard deviation of the wrong share of a ridge that may be a narrow band: any share is as likely."""
