@@ -52,6 +52,10 @@ IS_SHOWN = """(({ photograph, canvas, size }) =>
   (document.querySelector(".viewer").viewer)"""
 """Whether the viewer has its photograph, and has taken the size that it has in the window."""
 
+_IS_DRAWN = """[...document.querySelectorAll(".fields")].every(({ explorer: { stage: { canvas, size } } }) =>
+  [canvas.width, canvas.height].every((side, k) => side === Math.round(size[k] * Math.min(2, devicePixelRatio))))"""
+"""Whether the picture of each explorer has the size of its place in the window."""
+
 
 class Person:
     """Somebody at the page: moves the mouse in small steps, types, and sees photographs at places in px."""
@@ -102,11 +106,21 @@ class Person:
         self.page.get_by_label("extensometer").select_option(extensometer)
         self.said("saved: extensometer of the comparison")
 
+    def drawn(self) -> None:
+        """Wait until the picture of each explorer is drawn in the size of its place in the window."""
+        self.until(_IS_DRAWN)
+
     def said(self, words: str) -> None:
         """Wait for a message, and close it."""
         message = self.page.locator("#messages .message", has_text=words)
         message.first.wait_for()
         message.first.locator("button").click()
+
+    def schemes(self) -> Iterator[str]:
+        """The names of both colour schemes, each while the page is shown in it."""
+        for scheme in ("light", "dark"):
+            self.page.emulate_media(color_scheme=scheme)
+            yield scheme
 
     def until(self, condition: str) -> None:
         """Wait until a condition in JavaScript holds; the page's own policy forbids to evaluate text inside it.

@@ -16,6 +16,7 @@ from PIL import Image
 from small import dicflow
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
+from waiting import PATIENCE_S
 
 from dicflow.app.answers import Desk
 from dicflow.app.project import open_project
@@ -56,7 +57,7 @@ class Served(NamedTuple):
 
     def request(self, method: str, path: str, body: Any = None, **headers: str) -> Answer:
         """A request with these headers and no others; names have _ in place of -."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.gate.port, timeout=60)
+        connection = http.client.HTTPConnection("127.0.0.1", self.gate.port, timeout=PATIENCE_S)
         connection.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
         content = b"" if body is None else json.dumps(body).encode()
         for name, value in {"Content-Length": str(len(content)), **headers}.items():
@@ -104,7 +105,7 @@ def served(path: Path, data: Path | None = None, store: Path | None = None) -> I
 
     thread = threading.Thread(target=lambda: asyncio.run(serve()))
     thread.start()
-    assert ready.wait(30)
+    assert ready.wait(PATIENCE_S)
     try:
         yield Served(found[0])
     finally:

@@ -44,7 +44,15 @@ _CUT = """
 _EXPLORER = """
 (async () => {
   const { explorer } = document.querySelector(".explorer");
-  await explorer.ready;
+  const { canvas } = explorer.stage;
+  const isOfItsSize = () => {
+    const sides = explorer.stage.size.map((side) => Math.round(side * Math.min(2, devicePixelRatio)));
+    return canvas.width === sides[0] && canvas.height === sides[1];
+  };
+  do {
+    await new Promise((done) => requestAnimationFrame(done));
+    await explorer.ready;
+  } while (!isOfItsSize());
   return { photo: explorer.stage.photo.src, map: explorer.stage.canvas.toDataURL(),
     step: explorer.manifest.steps[explorer.scene.step].name, title: explorer.legend.title.textContent,
     bar: JSON.stringify([explorer.range, [...explorer.palette]]) };

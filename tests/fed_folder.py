@@ -14,6 +14,7 @@ import numpy as np
 from dicflow.core.synthetic.motion import Motion, render_pattern, speckle_pattern
 from dicflow.pipeline import Pipeline, Result
 from dicflow.pipeline.watching import Measured, Watch
+from tests.waiting import PATIENCE_S
 
 __all__ = ["Arrival", "feed", "pairs", "watched", "write_pipeline"]
 
@@ -99,7 +100,7 @@ def watched(
     def drive() -> None:
         try:
             act(measured, notes)
-            end = time.monotonic() + 90.0
+            end = time.monotonic() + PATIENCE_S
             while len({one.step for one in measured}) < steps and time.monotonic() < end:
                 time.sleep(0.05)
             time.sleep(0.5)

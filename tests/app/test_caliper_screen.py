@@ -50,10 +50,9 @@ def test_the_numbers_are_those_of_the_products(sample_result):
             assert row["u_difference"] == pytest.approx(math.hypot(u[k], by_caliper[k]))
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("size", [(1280, 800), (1920, 1080), (390, 844)])
-def test_curve_table_and_difference_are_seen(sample_result, size, scheme):
-    with served(sample_result) as app, opened_page(app, *size, color_scheme=scheme) as someone:
+def test_curve_table_and_difference_are_seen(sample_result, size):
+    with served(sample_result) as app, opened_page(app, *size) as someone:
         someone.go("caliper")
         page = someone.page
         page.wait_for_selector(".x-chart polyline")
@@ -66,8 +65,9 @@ def test_curve_table_and_difference_are_seen(sample_result, size, scheme):
         names = page.locator(".x-name").all_text_contents()
         assert names == ["load [g]", "strain [–]", "load [g]", "difference of the strains [–]"]
         assert someone.axes_without_unit() == []
-        someone.picture(f"caliper_{size[0]}_{scheme}")
-        assert someone.overlaps() == []
+        for scheme in someone.schemes():
+            someone.picture(f"caliper_{size[0]}_{scheme}")
+            assert someone.overlaps() == [], scheme
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 

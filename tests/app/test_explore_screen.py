@@ -42,11 +42,12 @@ def blob(app, found, step, key, parts=1):
 
 
 def screen(app, someone):
-    """Go to the screen, and wait until all steps are shown."""
+    """Go to the screen, and wait until all steps are shown and the last one is drawn."""
     someone.go("explore")
     count = len(opened(app)["manifest"]["steps"])
     someone.until(f"document.querySelector('.fields')?.explorer.manifest.steps.length === {count}")
     someone.page.evaluate(f"{EXPLORER}.ready.then(() => null)")
+    someone.drawn()
 
 
 def test_blobs_are_the_fields_of_the_products_within_the_stated_rounding(file):

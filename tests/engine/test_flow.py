@@ -9,6 +9,7 @@ import pytest
 import toys
 from test_execute import clipped, index, trouble
 from toys import StageSpec, chain, expand, numbers, run_sync
+from waiting import PATIENCE_S
 
 from dicflow.engine import cluster, job_queue
 from dicflow.engine.fingerprint import Fingerprint
@@ -84,7 +85,7 @@ def test_a_slow_task_holds_up_nothing_but_what_needs_it(folder, store, monkeypat
 
     def run(self, source):
         if source.stem == "step_01":
-            waited.append(others.wait(30))
+            waited.append(others.wait(PATIENCE_S))
         return original(self, source)
 
     done = []

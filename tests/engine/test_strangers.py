@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 KNOCK = """
 import os, socket, sys, threading, time
 import distributed
-account, *doors = sys.argv[1:]
+patience_s, account, *doors = sys.argv[1:]
 if account:
     here = {"processes": False, "protocol": "tcp://", "host": "127.0.0.1", "dashboard_address": None}
     with distributed.LocalCluster(n_workers=0, worker_dashboard_address=None, **here) as cluster:
@@ -32,7 +32,7 @@ if account:
 
 def knock(door):
     if door.isdecimal():
-        distributed.Client(f"tcp://127.0.0.1:{door}", timeout=1).run_on_scheduler(os.getpid)
+        distributed.Client(f"tcp://127.0.0.1:{door}", timeout=float(patience_s)).run_on_scheduler(os.getpid)
     elif door.startswith("/proc/"):
         os.open(door, os.O_RDWR | os.O_NONBLOCK)
     else:
@@ -48,7 +48,7 @@ def enter(door):
 knocking = [threading.Thread(target=enter, args=(door,), daemon=True) for door in doors]
 for one in knocking:
     one.start()
-end = time.monotonic() + 5
+end = time.monotonic() + 5 * float(patience_s)
 for one in knocking:
     one.join(max(0, end - time.monotonic()))
 os._exit(0)
@@ -85,10 +85,10 @@ def _is_pipe(path):
         return False
 
 
-def entered(doors, account=""):
-    """The doors that let a process in. account : its number if it is another one"""
-    command = [sys.executable, "-c", KNOCK, str(account), *map(str, doors)]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=PATIENCE_S).stdout.split()
+def entered(doors, account="", patience_s=1.0):
+    """The doors that let a process in. account : its number if it is another one; patience_s : with each door"""
+    command = [sys.executable, "-c", KNOCK, str(patience_s), str(account), *map(str, doors)]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=6 * PATIENCE_S).stdout.split()
 
 
 @pytest.fixture
@@ -144,7 +144,7 @@ def test_the_knock_would_be_heard(during, other_account):
     options = {"processes": False, "protocol": "tcp://", "host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
     with distributed.LocalCluster(n_workers=1, worker_dashboard_address=None, **options) as cluster:
         port = cluster.scheduler.port
-        assert entered([port], other_account) == [str(port)]
+        assert entered([port], other_account, PATIENCE_S) == [str(port)]
 
 
 def status(link, page, method="GET"):

@@ -47,17 +47,17 @@ def test_the_table_agrees_with_the_system(pipeline, tmp_path, scheduler):
     command = [sys.executable, "-m", "dicflow", "run", pipeline, *places, "--profile", "--json", "--workers", "2"]
     out, err = tmp_path / "out", tmp_path / "err"
     with out.open("w") as output, err.open("w") as errors:
-        start = time.perf_counter()
+        started = time.time()
         process = subprocess.Popen([*command, "--scheduler", scheduler], stdout=output, stderr=errors)
         _, status, used = os.wait4(process.pid, 0)  # of this process and those that it has started
-        wall_s = time.perf_counter() - start
+    wall_s = out.stat().st_mtime - started  # until its last words
     process.returncode = os.waitstatus_to_exitcode(status)
     assert process.returncode == 0, err.read_text()
     cpu_s = used.ru_utime + used.ru_stime
     said = json.loads(out.read_text().splitlines()[-1])
     found = said["profile"]
     assert found["cpu_s"] == pytest.approx(cpu_s, rel=0.05, abs=0.2)
-    assert 0.8 * wall_s <= found["wall_s"] <= wall_s
+    assert 0.8 * wall_s <= found["wall_s"] <= wall_s + 0.02
     assert found["cpu_s"] == pytest.approx(sum(part["cpu_s"] for part in found["parts"]), abs=0.01)
     assert sum(part["tasks"] or 0 for part in found["parts"]) == said["counts"]["computed"]
     assert "where the time goes" in err.read_text()
