@@ -17,16 +17,17 @@ __all__ = ["main"]
 
 def main() -> None:
     """Run the command line; every error meant for users is one message, without a traceback."""
+    from dicflow.engine.workers import collect_rarely, limit_threads, with_room
+
+    collect_rarely()
     import typer
 
     from dicflow.cli.commands import app
     from dicflow.engine.kernel_cache import keep_kernels
-    from dicflow.engine.workers import collect_rarely, limit_threads, with_room
     from dicflow.errors import DicflowError
     from dicflow.views.plain_text import ascii_signs, plain
     from dicflow.views.topics import advice, topic_raised
 
-    collect_rarely()
     limit_threads()
     keep_kernels()
     for name in ("stdout", "stderr"):

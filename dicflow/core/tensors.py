@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array, Mask
 
-__all__ = ["congruent", "inverse", "on_grid", "symmetric", "upper_triangle"]
+__all__ = ["congruent", "cross", "inverse", "on_grid", "symmetric", "upper_triangle"]
 
 
 def inverse(matrices: Array) -> Array:
@@ -16,6 +16,12 @@ def inverse(matrices: Array) -> Array:
     adjugate = np.moveaxis(np.array([[d, -b], [-c, a]]), (0, 1), (-2, -1))
     determinant = a * d - b * c
     return np.asarray(adjugate / np.where(determinant == 0.0, np.nan, determinant)[..., None, None])
+
+
+def cross(first: Array, second: Array) -> Array:
+    """Vector products of vectors (..., 3), as numpy has them, without what that takes for other axes and lengths."""
+    (a, b, c), (x, y, z) = ([vectors[..., axis] for axis in range(3)] for vectors in (first, second))
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-1)
 
 
 def congruent(matrix: Array, covariance: Array) -> Array:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -67,6 +67,26 @@ def changed_names(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
     gone, come = ({name: one[name] for name in one.keys() - other.keys()} for one, other in ((old, new), (new, old)))
     moved = set(gone.values()) & set(come.values())
     return sorted([*common, *(name for name, digest in {**gone, **come}.items() if digest not in moved)])
+
+
+class _Parts(Mapping[str, str]):
+    """Parts of a fingerprint, whose digests are made when they are asked for: of stages that run, few of many.
+
+    places : of the definitions, by name
+    """
+
+    def __init__(self, places: Mapping[str, Place], digest: Callable[[Place], str]) -> None:
+        self._places = places
+        self._digest = digest
+
+    def __getitem__(self, name: str) -> str:
+        return self._digest(self._places[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
 
 
 class _Definition(NamedTuple):
@@ -126,8 +146,8 @@ class Sources:
         for members in components(covered, lambda place: self._definition(place).places(), self._digests):
             self._digest(members)
         root = digest_json([[[self._digests[place] for place in places], rest] for places, rest in starts])
-        parts = {":".join(filter(None, place)): self._own_digest(place) for place in covered if place[1] != _WHOLE}
-        return Fingerprint(root, dict(sorted(parts.items())))
+        named = {":".join(filter(None, place)): place for place in covered if place[1] != _WHOLE}
+        return Fingerprint(root, _Parts(dict(sorted(named.items())), self._own_digest))
 
     def _covered(self, starts: Iterable[Place]) -> list[Place]:
         """Everything that is used from some definitions on, these included."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -164,13 +164,8 @@ def _parsed(content: bytes) -> Any:
 def _is_deep(value: Any) -> bool:
     level = [value]
     for _ in range(_DEEPEST):
-        level = [part for one in level for part in _parts(one)]
+        inside = (one.values() if type(one) is dict else one for one in level)  # json makes no subclasses
+        level = [part for parts in inside for part in parts if type(part) is dict or type(part) is list]
         if not level:
             return False
     return True
-
-
-def _parts(value: Any) -> Iterable[Any]:
-    """Containers inside a value."""
-    inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return [part for part in inside if isinstance(part, dict | list)]

@@ -37,8 +37,11 @@ _ALLOCATOR = {_TRIM_THRESHOLD: _KEPT_BYTES, _MMAP_THRESHOLD: _KEPT_BYTES, _ARENA
 """Options of the C library's mallopt: freed memory is kept up to so many bytes, in one place for all threads. Fetching
 it page by page for every array costs more than using it."""
 
-_COLLECTED_OBJECTS = 50_000
-"""New objects after which Python looks for unused ones that refer to one another."""
+_COLLECTED_OBJECTS = 500_000
+"""New objects after which Python looks for unused ones that refer to one another.
+
+Libraries that are loaded make 250,000, of which it would look at each; a run leaves some thousand unused ones, and
+their arrays are no part of what refers to itself."""
 
 T = TypeVar("T")
 

@@ -24,9 +24,8 @@ from dicflow.core.arrays import Array, Mask
 from dicflow.core.cameras.camera import Rig
 from dicflow.core.cameras.frames import Frame
 from dicflow.core.cameras.rig_parameters import error_modes, reprojection_slopes
-from dicflow.core.strain.deformation_gradient import gradient_response
+from dicflow.core.strain.deformation_gradient import gradient_and_response
 from dicflow.core.strain.measures import GradientMeasures
-from dicflow.core.strain.surface_strain import deformation_gradient
 
 __all__ = [
     "MotionError",
@@ -177,7 +176,7 @@ def place_changes(
         for sign in (1.0, -1.0)
     )
     after, before = slopes
-    gradient, response = deformation_gradient(before, after), gradient_response(before, after)
+    gradient, response = gradient_and_response(before, after)
     return field_changes(error.changes_at(*points), ahead - back, gradient, response, measures)
 
 

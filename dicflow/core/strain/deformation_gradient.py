@@ -23,9 +23,9 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.parts import Parts, single_part
-from dicflow.core.strain.surface_strain import deformation_gradient, jacobian, tangent_basis
+from dicflow.core.strain.surface_strain import jacobian, tangent_basis
 from dicflow.core.strain.window_fits import WindowedPoints
-from dicflow.core.tensors import inverse
+from dicflow.core.tensors import cross, inverse
 from dicflow.core.threads import over
 from dicflow.core.uncertainty.covariance import displacement_covariance
 from dicflow.core.uncertainty.overlap import Overlap
@@ -34,7 +34,7 @@ __all__ = [
     "ErrorShare",
     "MeasuredSurface",
     "SurfaceGradient",
-    "gradient_response",
+    "gradient_and_response",
     "measured_surface",
     "pixel_size_mm",
 ]
@@ -103,8 +103,8 @@ class MeasuredSurface(NamedTuple):
         """The same by the weights (n, 2, high, wide) of the points in both slopes."""
         slopes = np.swapaxes(self.points.sums(at, weights), -1, -2)
         before, after = slopes[:, 3:], slopes[:, :3]
-        response = gradient_response(before, after)
-        return SurfaceGradient(deformation_gradient(before, after), self.covariance_by(at, weights, response), response)
+        gradient, response = gradient_and_response(before, after)
+        return SurfaceGradient(gradient, self.covariance_by(at, weights, response), response)
 
     def covariance_by(self, at: Index, weights: Array, response: Array) -> Array:
         """Covariance (n, 4, 4) of the gradient, or of a change of it, by the weights in the slopes."""
@@ -173,20 +173,20 @@ def pixel_size_mm(reference: Array, step_size: float) -> Array:
     return np.asarray(np.sqrt(area) / step_size)
 
 
-def gradient_response(before: Array, after: Array) -> Array:
-    """Derivatives of F by the Jacobians of both states, (..., 4, 2, 6); see :class:`SurfaceGradient`.
+def gradient_and_response(before: Array, after: Array) -> tuple[Array, Array]:
+    """F, (..., 2, 2), and its derivatives by both Jacobians, (..., 4, 2, 6); see :class:`SurfaceGradient`.
 
     before, after : (..., 3, 2) — J and J'
     """
     basis, basis_after = tangent_basis(before), tangent_basis(after)
-    gradient = deformation_gradient(before, after)
+    deformed = np.swapaxes(basis_after, -1, -2) @ after
     with np.errstate(invalid="ignore"):
-        flat = inverse(np.swapaxes(basis, -1, -2) @ before)
-        flat_after = inverse(np.swapaxes(basis_after, -1, -2) @ after)
+        flat, flat_after = inverse(np.swapaxes(basis, -1, -2) @ before), inverse(deformed)
+        gradient = deformed @ flat
         moved = _sensitivity(basis_after, flat, flat_after, _QUARTER_TURN @ gradient)
         fixed = _sensitivity(basis @ np.swapaxes(gradient, -1, -2), flat, flat, gradient @ _QUARTER_TURN, basis)
     both = np.concatenate([moved, -fixed], axis=-1)
-    return both.reshape(*both.shape[:-4], 4, 2, 6)
+    return gradient, both.reshape(*both.shape[:-4], 4, 2, 6)
 
 
 def _gradient_covariance(response: Array, slopes: Array, points: Array) -> Array:
@@ -210,7 +210,7 @@ def _sensitivity(along: Array, flat: Array, own_flat: Array, turned: Array, basi
     basis : of the state with Jacobian J, where it is not ``along``
     """
     first, second = np.moveaxis(along if basis is None else basis, -1, 0)
-    normal = np.cross(first, second)
+    normal = cross(first, second)
     in_plane = np.einsum("...ia,...pb->...abpi", along, flat)
     tilt = normal[..., 0] / np.sqrt(np.maximum(1.0 - normal[..., 0] ** 2, 1e-12))
     turn = tilt[..., None, None] * own_flat[..., :, 1, None] * normal[..., None, :]

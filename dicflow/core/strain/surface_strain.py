@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from dicflow.core.arrays import Array
 from dicflow.core.surfaces.filters import local_polynomial
 from dicflow.core.surfaces.surface import evaluate, fit_surface
-from dicflow.core.tensors import inverse
+from dicflow.core.tensors import cross, inverse
 
 __all__ = [
     "Strain",
@@ -66,13 +66,13 @@ def tangent_basis(derivatives: Array) -> Array:
     derivatives : (..., 3, 2) — two directions in each plane
     Returns (..., 3, 2): e₁ and e₂ in columns; NaN where the two directions are parallel or X is normal to the plane.
     """
-    normal = np.cross(derivatives[..., 0], derivatives[..., 1])
+    normal = cross(derivatives[..., 0], derivatives[..., 1])
     with np.errstate(invalid="ignore", divide="ignore"):
         normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
         normal = normal * np.where(normal[..., 2:] < 0.0, -1.0, 1.0)
         first = np.array([1.0, 0.0, 0.0]) - normal[..., :1] * normal
         first = first / np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(normal, first)], axis=-1)
+    return np.stack([first, cross(normal, first)], axis=-1)
 
 
 def deformation_gradient(before: Array, after: Array) -> Array:

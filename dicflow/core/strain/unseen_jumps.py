@@ -149,15 +149,20 @@ def _take_nearest(found: UnseenJumps, jumps: Jumps, lines: Index, is_crack: Mask
     shape, rows, cols = found.distance.shape, *lines.T
     normal, size = NORMALS[jumps.direction[rows, cols]], np.linalg.norm(jumps.jump[rows, cols], axis=1)
     reach, most = int(np.ceil(0.5 * (found.window + found.subsets.size / found.subsets.step))), np.zeros(shape)
-    for offset in np.ndindex(2 * reach + 1, 2 * reach + 1):
-        away = np.array(offset) - reach
-        to = lines + away
-        across, along = normal @ away, np.abs(normal[:, ::-1] @ (away * (1, -1)))
-        near = (np.abs(across) < reach) & (along <= 0.5 * found.window) & ((to >= 0) & (to < shape)).all(axis=1)
+    right = np.arange(-reach, reach + 1)[:, None]
+    to_cols = cols + right
+    for down in range(-reach, reach + 1):
+        to_rows = np.broadcast_to(rows + down, to_cols.shape)
+        across = normal[:, 0] * down + normal[:, 1] * right
+        along = np.abs(normal[:, 1] * down - normal[:, 0] * right)
         value = size * (1.0 - np.hypot(across, along) / (reach + found.window))
-        k = np.flatnonzero(near)
-        k = k[value[k] > most[tuple(to[k].T)]]
-        here, source = tuple(to[k].T), (rows[k], cols[k])
-        most[here], found.distance[here] = value[k], across[k]
+        near = (np.abs(across) < reach) & (along <= 0.5 * found.window)
+        near &= (to_rows >= 0) & (to_rows < shape[0]) & (to_cols >= 0) & (to_cols < shape[1])
+        near[near] = value[near] > most[to_rows[near], to_cols[near]]
+        np.maximum.at(most, (to_rows[near], to_cols[near]), value[near])
+        near[near] = value[near] == most[to_rows[near], to_cols[near]]
+        number, k = (index[::-1] for index in np.nonzero(near))  # of equal ones the first counts, which is set last
+        here, source = (to_rows[number, k], to_cols[number, k]), (rows[k], cols[k])
+        found.distance[here] = across[number, k]
         found.jump[here], found.direction[here] = jumps.jump[source], jumps.direction[source]
         found.is_crack[here] = is_crack[source]

@@ -69,17 +69,14 @@ class WindowedPoints(NamedTuple):
 
     def sums(self, at: Index, weights: Array) -> Array:
         """Sums (n, m, k) of the values with weights (n, m, high, wide)."""
-        return np.asarray(_sums(_padded(self.values, weights), at, weights))
+        half, rows = weights.shape[2] // 2, at[:, 0]
+        top = max(0, int(rows.min(initial=len(self.values))) - half)
+        used = self.values[top : int(rows.max(initial=0)) + half + 1]
+        return np.asarray(_sums(np.ascontiguousarray(np.moveaxis(used, 2, 0)), at - np.array([top, 0]), weights))
 
     def variances(self, at: Index, weights: Array, rho: Overlap) -> Array:
         """Covariances (n, m, m) of such sums for unit variance at the centre."""
-        forms = _forms(
-            _padded(self.sigma[..., None], weights)[..., 0],
-            at,
-            weights,
-            rho.down,
-            rho.across,
-        )
+        forms = _forms(self.sigma, at, weights, rho.down, rho.across)
         return np.asarray(forms / self.sigma[at[:, 0], at[:, 1]][:, None, None] ** 2)
 
 
@@ -114,12 +111,6 @@ def widened(weights: Array, window: tuple[int, int]) -> Array:
     """Weights (n, m, high, wide) as those of a wider window, whose further points do not count."""
     high, wide = ((side - own) // 2 for side, own in zip(window, weights.shape[2:], strict=True))
     return np.pad(weights, [(0, 0), (0, 0), (high, high), (wide, wide)])
-
-
-def _padded(field: Array, weights: Array) -> Array:
-    """A field (row, col, k) with half a window of zeros around it."""
-    high, wide = (side // 2 for side in weights.shape[2:])
-    return np.pad(field, [(high, high), (wide, wide), (0, 0)])
 
 
 @njit(cache=True, nogil=True)
@@ -266,46 +257,59 @@ def _weighted_polynomial(
             result[i, j] *= own[i, j]
 
 
+@njit(**INNER)
+def _on_grid(centre: int, side: int, length: int) -> tuple[int, int]:
+    """The first row or column of a window that lies on the grid, and the one after the last.
+
+    centre : of the window on the grid; side, length : of the window and of the grid
+    """
+    return max(0, side // 2 - centre), min(side, side // 2 + length - centre)
+
+
 @njit(cache=True, nogil=True)
 def _sums(values: Array, at: Index, weights: Array) -> Array:
-    """Sums (n, m, k) over windows of padded values (row, col, k)."""
+    """Sums (n, m, k) over windows of values (k, row, col)."""
     wanted, high, wide = weights.shape[1:]
-    result = np.zeros((len(at), wanted, values.shape[2]))
+    result = np.zeros((len(at), wanted, len(values)))
     for n in range(len(at)):
-        for m in range(wanted):
-            for i in range(high):
-                for j in range(wide):
-                    for k in range(values.shape[2]):
-                        result[n, m, k] += weights[n, m, i, j] * values[at[n, 0] + i, at[n, 1] + j, k]
+        top, left = at[n, 0] - high // 2, at[n, 1] - wide // 2
+        first_row, end_row = _on_grid(at[n, 0], high, values.shape[1])
+        first, end = _on_grid(at[n, 1], wide, values.shape[2])
+        for i in range(first_row, end_row):
+            for k in range(len(values)):
+                row = values[k, top + i, left + first : left + end]
+                for m in range(wanted):
+                    result[n, m, k] += _scalar_product(weights[n, m, i, first:end], row)
     return result
 
 
 @njit(cache=True, nogil=True)
 def _forms(sigma: Array, at: Index, weights: Array, down: Array, across: Array) -> Array:
-    """Quadratic forms (n, m, m) of weights (n, m, high, wide), times the padded sigma, with a correlation of points.
+    """Quadratic forms (n, m, m) of weights (n, m, high, wide), times sigma, with a correlation of points.
 
     down, across : (term, lag) — factors of the correlation along columns and rows, for points so many apart
 
-    A window is laid out row after row with zeros between, so that sums along rows and columns are long loops.
+    What of a window lies on the grid is laid out row after row with zeros between, so that sums along rows and columns
+    are long loops.
     """
     wanted, high, wide = weights.shape[1:]
-    pitch = wide + across.shape[1] - 1
+    gap = across.shape[1] - 1
     result = np.full((len(at), wanted, wanted), np.nan)
-    scaled = np.zeros((wanted, high * pitch))
-    half, full = np.empty(high * pitch), np.empty(high * pitch)
+    room = high * (wide + gap)
+    scaled, half, full = np.empty((wanted, room)), np.empty(room), np.empty(room)
     for n in range(len(at)):
         if np.isnan(weights[n, 0, high // 2, wide // 2]):
             continue
-        _lay_out(weights[n], sigma, at[n], scaled)
+        size, pitch = _lay_out(weights[n], sigma, at[n], gap, scaled)
         for a in range(wanted):
             for b in range(a + 1):
                 result[n, a, b] = 0.0
         for term in range(len(down)):
             for a in range(wanted):
-                _correlate(scaled[a], down[term], pitch, half)
-                _correlate(half, across[term], 1, full)
+                _correlate(scaled[a, :size], down[term], pitch, half)
+                _correlate(half[:size], across[term], 1, full)
                 for b in range(a + 1):
-                    result[n, a, b] += _scalar_product(full, scaled[b])
+                    result[n, a, b] += _scalar_product(full[:size], scaled[b])
         for a in range(wanted):
             for b in range(a):
                 result[n, b, a] = result[n, a, b]
@@ -313,13 +317,24 @@ def _forms(sigma: Array, at: Index, weights: Array, down: Array, across: Array) 
 
 
 @njit(**INNER)
-def _lay_out(weights: Array, sigma: Array, corner: Index, scaled: Array) -> None:
-    """Set weights (m, high, wide) times the sigma of their points. corner : of the window in the padded field"""
-    pitch = scaled.shape[1] // weights.shape[1]
-    for m in range(weights.shape[0]):
-        for i in range(weights.shape[1]):
-            for j in range(weights.shape[2]):
-                scaled[m, i * pitch + j] = weights[m, i, j] * sigma[corner[0] + i, corner[1] + j]
+def _lay_out(weights: Array, sigma: Array, centre: Index, gap: int, scaled: Array) -> tuple[int, int]:
+    """Set weights (m, high, wide) times the sigma of their points, as far as these lie on the grid.
+
+    gap : number of zeros after each row. Returns the number of elements, and that from one row to the next.
+    """
+    wanted, high, wide = weights.shape
+    top, left = centre[0] - high // 2, centre[1] - wide // 2
+    first_row, end_row = _on_grid(centre[0], high, sigma.shape[0])
+    first, end = _on_grid(centre[1], wide, sigma.shape[1])
+    pitch = end - first + gap
+    for m in range(wanted):
+        for i in range(first_row, end_row):
+            start = (i - first_row) * pitch - first
+            for j in range(first, end):
+                scaled[m, start + j] = weights[m, i, j] * sigma[top + i, left + j]
+            for j in range(end, end + gap):
+                scaled[m, start + j] = 0.0
+    return (end_row - first_row) * pitch, pitch
 
 
 @njit(**INNER)

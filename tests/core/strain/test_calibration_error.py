@@ -16,9 +16,8 @@ from dicflow.core.strain.calibration_error import (
     slope_changes,
     thinned_grid,
 )
-from dicflow.core.strain.deformation_gradient import gradient_response
+from dicflow.core.strain.deformation_gradient import gradient_and_response
 from dicflow.core.strain.measures import GradientMeasures
-from dicflow.core.strain.surface_strain import deformation_gradient
 
 SHAPE = (30, 20)
 Y, X = np.mgrid[: SHAPE[0], : SHAPE[1]] * 0.4
@@ -97,7 +96,7 @@ def test_modes_make_up_the_covariance():
 
 def fields(after, before, slopes, states):
     """What modes that move points of ``states`` and their slopes so do to a surface with such Jacobians."""
-    gradient, response = deformation_gradient(*states[::-1]), gradient_response(*states[::-1])
+    gradient, response = gradient_and_response(*states[::-1])
     both = np.concatenate([after, before], axis=-2)
     return field_changes(both, slopes(both), gradient, response, GradientMeasures())
 
