@@ -217,7 +217,7 @@ def _in_whole_windows(
 
 
 def _typical_covariance(errors: list[ErrorShare], at: Index, weights: Array) -> Array:
-    """Covariances (n, 3, 3) of sums with weights (side, side), if all points have the errors of the one in the middle."""
+    """Covariances (n, 3, 3) of sums with weights (side, side), if all points have the errors of that in the middle."""
     rows, cols = at.T
     return np.asarray(np.sum([one.rho.variance(weights) * one.covariance[rows, cols] for one in errors], axis=0))
 
