@@ -213,6 +213,7 @@ def _in_whole_windows(
         covariance = _covariance(points, errors, here, np.ascontiguousarray(weights))
         both = [_in_standard_deviations(one[doubtful], covariance) for one in (jump, beside_steep)]
         significance[doubtful] = np.minimum(*both)
+        jump[doubtful] = 0.5 * (jump + beside_steep)[doubtful]
     return jump, significance
 
 
