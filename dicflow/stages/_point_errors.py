@@ -59,7 +59,7 @@ def variance_shares(errors: Mapping[ShapeFunction, ErrorShare]) -> dict[str, lis
 def smaller_errors(
     covariance: np.ndarray, errors: Mapping[ShapeFunction, ErrorShare], ratios: np.ndarray
 ) -> tuple[np.ndarray, dict[ShapeFunction, ErrorShare]]:
-    """The covariance of the points at both steps, and its shares, for σ smaller by ratios (3,) below 1 along each axis."""
+    """The covariance of the points at both steps, and its shares, for σ times ratios (3,) below 1 along each axis."""
     import numpy as np
 
     both = np.tile(np.minimum(ratios, 1.0), 2)

@@ -171,7 +171,7 @@ class Deformation(Node):
         surface_of = partial(measured_surface, before.xyz, parts=first.parts, min_share=self.min_share)
         (lost, grid), frames = _jumps(step, first), (compose_frames(along, axes), axes)
         measured, places = surface_of(after.xyz, [*errors.values()]), bias_of_places(step, frames[0].rotation)
-        ratios = scatter_over_stated(measured, grid, places)
+        ratios = scatter_over_stated(measured, grid, places, step.misfit_share)
         if (ratios < 1.0).any():
             covariance, errors = smaller_errors(covariance, errors, ratios)
             measured = surface_of(after.xyz, [*errors.values()])

@@ -36,12 +36,16 @@ _RELATIVE_ERROR = 1.17
 """Relative standard error of a standard deviation that a median tells, times the root of the number of values."""
 
 
-def scatter_over_stated(surface: MeasuredSurface, subsets: GridOfSubsets, bias: Array | None = None) -> Array:
+def scatter_over_stated(
+    surface: MeasuredSurface, subsets: GridOfSubsets, bias: Array | None = None, misfit_share: float = 0.0
+) -> Array:
     """Ratios (3,) of the scatter of the displacements to their σ, along each axis; 1 where it hardly differs from that.
 
-    The difference of r² from 1 counts by the share 1 − (l / (r − 1))², where l is what may be chance.
+    The difference of r² from 1 counts by the share 1 − (l / (r − 1))², where l is what may be chance. Below 1 it is at
+    most that by misfit: noise is known.
 
     bias : (row, col, 3) — of the displacements, of which the squares are taken out of r² > 1; None if unknown
+    misfit_share : of misfit in the variances
     """
     at = places_of(surface.known)
     independent = max(1.0, len(at) * (subsets.step / subsets.size) ** 2)
@@ -54,6 +58,7 @@ def scatter_over_stated(surface: MeasuredSurface, subsets: GridOfSubsets, bias: 
         square = np.where(square > 1.0, np.clip(small, 1.0, square), square)
     if bias is not None:
         square = np.where(square > 1.0, np.maximum(square - _share_of_bias(surface, some, bias), 1.0), square)
+    square = np.maximum(square, 1.0 - misfit_share)
     share = 1.0 - (limit / np.maximum(np.abs(np.sqrt(square) - 1.0), limit)) ** 2
     return np.asarray(np.sqrt(1.0 + share * (square - 1.0)))
 
