@@ -115,6 +115,7 @@ class Points(Kind):
             "shape_function": stereo.grid.shape_function,
             "shape_function_left": correlation.grid.shape_function,
             "depth_mm": _median_depth(variables["xyz"].values),
+            "misfit_share": _misfit_share(correlation, stereo),
         }
         product = Product("points", {**variables, **parts}, {**attrs, **part_attrs, **facts})
         return warned_if_lost(product) if (stereo["status"] <= Status.FILLED).any() else product
@@ -159,6 +160,11 @@ class Points(Kind):
     def noise_grey(self) -> float:
         """Noise from which the errors were computed [grey levels]."""
         return float(self.product.attrs.get("noise_grey", 1.0))
+
+    @property
+    def misfit_share(self) -> float:
+        """Share of misfit in the variance of the places in the photographs of the step, median; 0 where unknown."""
+        return float(self.product.attrs.get("misfit_share", _misfit_share(self) if "misfit" in self else 0.0))
 
     @property
     def depth_mm(self) -> float | None:
@@ -242,6 +248,15 @@ class Points(Kind):
         from dicflow.core.uncertainty.covariance import MeasuredPoints
 
         return MeasuredPoints(self["xyz"], symmetric(self["covariance_left"]), self["sensitivity"][..., :2])
+
+
+def _misfit_share(*views: Kind) -> float:
+    """Median share (0 to 1) of misfit in the variance of places, of all photographs together; 0 where all are lost."""
+    import numpy as np
+
+    misfit, total = (sum(view[name][..., ::2].sum(axis=-1) for view in views) for name in ("misfit", "covariance"))
+    known = np.isfinite(misfit) & (total > 0.0)
+    return float(np.median(misfit[known] / total[known])) if known.any() else 0.0
 
 
 def _median_depth(xyz: np.ndarray) -> float | None:

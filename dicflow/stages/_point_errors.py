@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from dicflow.core.strain.unseen_jumps import UnseenJumps
     from dicflow.core.uncertainty.overlap import ShapeFunction
 
-__all__ = ["bias_of_places", "errors_by_shape", "variance_shares"]
+__all__ = ["bias_of_displacements", "bias_of_places", "errors_by_shape", "smaller_errors", "variance_shares"]
 
 
 def errors_by_shape(
@@ -56,18 +56,37 @@ def variance_shares(errors: Mapping[ShapeFunction, ErrorShare]) -> dict[str, lis
     return {name: part.tolist() for name, part in zip(errors, means, strict=True)}
 
 
-def bias_of_places(step: Points, turn: np.ndarray, jumps: UnseenJumps | None) -> dict[str, np.ndarray]:
-    """Remaining bias of U, V and W by the shape functions and by jumps; empty if unknown.
+def smaller_errors(
+    covariance: np.ndarray, errors: Mapping[ShapeFunction, ErrorShare], ratios: np.ndarray
+) -> tuple[np.ndarray, dict[ShapeFunction, ErrorShare]]:
+    """The covariance of the points at both steps, and its shares, for σ times ratios (3,) below 1 along each axis."""
+    import numpy as np
 
-    turn : into the frame of the result, in which the jumps are given
+    both = np.tile(np.minimum(ratios, 1.0), 2)
+    scale = both[:, None] * both
+    return scale * covariance, {name: one._replace(covariance=scale * one.covariance) for name, one in errors.items()}
+
+
+def bias_of_places(step: Points, turn: np.ndarray) -> np.ndarray | None:
+    """Remaining bias (row, col, 3) of U, V and W by the shape functions; None if unknown.
+
+    turn : into the frame of the result
     """
     import numpy as np
 
-    bias = step.bias
-    if bias is None:
+    return None if step.bias is None else np.linalg.norm(turn @ step.bias, axis=-1)
+
+
+def bias_of_displacements(places: np.ndarray | None, jumps: UnseenJumps | None) -> dict[str, np.ndarray]:
+    """Remaining bias of U, V and W, with that by jumps; empty if that by the shape functions is unknown.
+
+    places : (row, col, 3) — by the shape functions
+    """
+    import numpy as np
+
+    if places is None:
         return {}
-    deviations = np.linalg.norm(turn @ bias, axis=-1)
     if jumps is not None:
         between = jumps.of_places()
-        deviations = np.where(between > 0.0, np.hypot(np.nan_to_num(deviations), between), deviations)
-    return {f"bias_{name}": deviations[..., axis] for axis, name in enumerate("UVW")}
+        places = np.where(between > 0.0, np.hypot(np.nan_to_num(places), between), places)
+    return {f"bias_{name}": places[..., axis] for axis, name in enumerate("UVW")}

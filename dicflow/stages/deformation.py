@@ -47,7 +47,13 @@ from dicflow.stages._deformed import (
     median_errors,
     shares,
 )
-from dicflow.stages._point_errors import bias_of_places, errors_by_shape, variance_shares
+from dicflow.stages._point_errors import (
+    bias_of_displacements,
+    bias_of_places,
+    errors_by_shape,
+    smaller_errors,
+    variance_shares,
+)
 from dicflow.stages._scaled import in_unit, scale_shares
 
 if TYPE_CHECKING:
@@ -145,6 +151,7 @@ class Deformation(Node):
         from dicflow.core.strain.crack_ends import with_crack_ends
         from dicflow.core.strain.deformation_gradient import measured_surface
         from dicflow.core.strain.degree_choice import candidate_fits, chosen_gradient
+        from dicflow.core.strain.place_bias import with_bias_of_places
         from dicflow.core.strain.point_scatter import scatter_over_stated
         from dicflow.core.strain.unseen_jumps import cut_by_jumps, unseen_jumps
         from dicflow.core.tensors import upper_triangle
@@ -162,9 +169,12 @@ class Deformation(Node):
         covariance = joint_covariance(after, before, step.template)
         errors = errors_by_shape(covariance, step, first, (axes, along))
         surface_of = partial(measured_surface, before.xyz, parts=first.parts, min_share=self.min_share)
-        lost, grid = _jumps(step, first)
-        measured = surface_of(after.xyz, [*errors.values()])
-        ratios = scatter_over_stated(measured, grid)
+        (lost, grid), frames = _jumps(step, first), (compose_frames(along, axes), axes)
+        measured, places = surface_of(after.xyz, [*errors.values()]), bias_of_places(step, frames[0].rotation)
+        ratios = scatter_over_stated(measured, grid, places, step.misfit_share)
+        if (ratios < 1.0).any():
+            covariance, errors = smaller_errors(covariance, errors, ratios)
+            measured = surface_of(after.xyz, [*errors.values()])
         cut = cut_by_jumps(measured, lost, grid, self._window(first))
         if cut.any():
             step, after = step.lost_at(cut), after._replace(xyz=np.where(cut[..., None], np.nan, after.xyz))
@@ -173,10 +183,10 @@ class Deformation(Node):
         jumps = unseen_jumps(measured, lost | cut, grid, max(self._window(first)))
         fits = candidate_fits(self._window(first), self.degree)
         chosen = with_crack_ends(chosen_gradient(measured, fits, jumps), measured, lost | cut, fits[0])
+        chosen = with_bias_of_places(chosen, measured, places)
         surface = chosen.surface
-        frames = (compose_frames(along, axes), axes)
         fields = displacements(before, after, covariance)
-        fields |= beyond_noise(bias_of_places(step, frames[0].rotation, jumps), fields, ratios)
+        fields |= beyond_noise(bias_of_displacements(places, jumps), fields, np.maximum(ratios, 1.0))
         fields |= self._strains(chosen)
         fields |= combined(fields)
         if scale is not None:

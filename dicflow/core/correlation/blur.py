@@ -38,6 +38,8 @@ class Damping(NamedTuple):
     template_grey, target_grey : of the noise itself
     excess : of the place by the noise of the template, beyond that with the subset before the blur
     blur : variance of the Gaussian that a change of sharpness takes [px²]
+    mixing : standard deviation of the wider blur of both: about so far from a rim grey levels of the material mix with
+        those of what lies beyond [px of the template]
     """
 
     template: float = 1.0
@@ -46,6 +48,7 @@ class Damping(NamedTuple):
     target_grey: float = 1.0
     excess: float = 0.0
     blur: float = 0.0
+    mixing: float = 0.0
 
 
 def equally_sharp(
@@ -69,7 +72,18 @@ def equally_sharp(
         variance += more
         soft, softer, covariances = _softened(image, target, by_pixels, _further_blurs(variance, slope))
     seen = softer.image[_box(softer.image.shape, warps[..., 0])]
-    return soft, softer, _damping(image, region, soft, seen, covariances)._replace(blur=abs(variance))
+    damping = _damping(image, region, soft, seen, covariances)
+    return soft, softer, damping._replace(blur=abs(variance), mixing=_widest(covariances, slope))
+
+
+def _widest(covariances: list[Array | None], slope: Array) -> float:
+    """Largest standard deviation of the blurs of template and target [px of the template].
+
+    slope : (2, 2) — gradient of the motion from the template to the target
+    """
+    ways = zip(covariances, (np.eye(2), np.linalg.inv(slope)), strict=True)
+    variances = [np.linalg.norm(way @ one @ way.T, 2) for one, way in ways if one is not None]
+    return float(np.sqrt(max(variances, default=0.0)))
 
 
 def _further_blurs(variance: float, slope: Array) -> Blurs:

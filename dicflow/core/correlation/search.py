@@ -22,7 +22,7 @@ from dicflow.core.correlation.points import (
     cropped,
 )
 from dicflow.core.correlation.subsets import Subset, describe
-from dicflow.core.correlation.template import Template, template
+from dicflow.core.correlation.template import Template, template, with_usable
 from dicflow.core.correlation.warp import gradient, identity, warp_from_gradient
 from dicflow.core.parts import Parts, single_part
 from dicflow.core.photographs.exposure import Photograph
@@ -53,6 +53,8 @@ _MIN_POINTS_FOR_GAIN = 100
 """With fewer, the contrast of both photographs counts as equal."""
 _STRONG_BLUR_PX2 = 1.0
 """Variance of the blur of one photograph against the other from which it is the reason [px²]."""
+_MIXED_SIGMAS = 0.7
+"""Distance from a rim up to which pixels mix [standard deviations of a blur]: beyond, by less than 16 %."""
 
 
 class Search(NamedTuple):
@@ -189,7 +191,7 @@ def correlate_points(
     image, target, damping = equally_sharp(
         own.grey, reference.region, target, places[known], warps[known], search.smoothing_px
     )
-    sharp = own if image is own.grey else _template(reference, image, search)
+    sharp = _without_rim(own if image is own.grey else _template(reference, image, search), damping.mixing)
     field = _correlated(sharp, target, places, warps, search)
     return CorrelatedField(sharp, target, centres, field, damping, _gain(sharp, target, places, field))
 
@@ -206,6 +208,18 @@ def correlate_again(
 def _template(reference: ReferencePhotograph, image: Image, search: Search) -> Template:
     """The template of a reference photograph with other grey levels."""
     return template(spline(image, search.degree, reference.image.measured), reference.region, search.threads)
+
+
+def _without_rim(own: Template, mixing: float) -> Template:
+    """A template without the pixels at rims of the region where a blur mixes the material with what lies beyond.
+
+    mixing : standard deviation of the blur [px]
+    """
+    width = round(_MIXED_SIGMAS * mixing)
+    if width == 0:
+        return own
+    inner = cv2.erode(own.region.astype(np.uint8), np.ones((2 * width + 1,) * 2, dtype=np.uint8)) > 0
+    return with_usable(own, own.usable & inner)
 
 
 def _centres_and_warps(reference: ReferencePhotograph, starts: Array) -> tuple[Array, Array, Array]:

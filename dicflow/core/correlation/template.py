@@ -30,6 +30,7 @@ __all__ = [
     "lay_out",
     "shows_measured",
     "template",
+    "with_usable",
 ]
 
 
@@ -69,8 +70,16 @@ def template(reference: Spline, region: Mask | None = None, threads: int = 1) ->
     """
     inside = np.ones(reference.image.shape, dtype=np.bool_) if region is None else np.ascontiguousarray(region)
     usable = inside if reference.measured is None else inside & reference.measured
-    unusable = cv2.integral((~usable).view(np.uint8))
-    return Template(reference.image, *_derivatives(reference, threads), usable, unusable, inside)
+    return Template(reference.image, *_derivatives(reference, threads), usable, _count_of_others(usable), inside)
+
+
+def with_usable(whole: Template, usable: Mask) -> Template:
+    """The template with other pixels (rows, cols) that subsets may contain."""
+    return whole._replace(usable=usable, unusable=_count_of_others(usable))
+
+
+def _count_of_others(usable: Mask) -> Counts:
+    return np.asarray(cv2.integral((~usable).view(np.uint8)))
 
 
 def kernel_mask(measured: Mask | None) -> Mask:

@@ -1,10 +1,11 @@
 """How much points scatter about smooth motion, over what their stated errors make of it.
 
 Noise of the photographs is known, but what misfit makes of a subset's place is an estimate, which rests on assumptions
-about residuals and pattern. The scatter of the points tests it: a polynomial of degree 3 in a window differs from the
-point at its centre by a weighted sum of the points, whose variance is known. Motion that the polynomial does not follow
-adds to the scatter, the more the wider the window. So the least of the ratios of scatter to σ in windows of three sizes
-counts. Errors that the points of a window share are missing in it, so that a ratio below 1 tells nothing.
+about residuals and pattern. The scatter of the points tests it: a polynomial of degree 5 in a window of 2.5 subsets
+differs from the point at its centre by a weighted sum of the points, whose variance is known. The window is so wide
+that neighbours whose subsets share pixels share little of the difference, and the degree so high that it follows
+motion which affine or quadratic subsets follow. The bias that is known of the places is taken out. Beside a narrow band
+no such window follows the motion; so of a scatter above σ counts what a small window has too.
 """
 
 from __future__ import annotations
@@ -20,47 +21,69 @@ from dicflow.core.uncertainty.covariance import displacement_covariance
 __all__ = ["scatter_over_stated"]
 
 
-_SIDES = (1.1, 1.6, 2.5)
-"""Sides of the windows in sides of a subset."""
-_DEGREE, _LEAST_SIDE = 3, 5
-_POINTS = 2000
+_SIDE, _LEAST_SIDE, _DEGREE = 2.5, 7, 5
+"""Side of the windows in subsets, the least one in points, and the degree of the polynomials."""
+_SMALL_SIDE, _SMALL_LEAST_SIDE, _SMALL_DEGREE = 1.1, 5, 3
+"""The same of small windows, beside bands narrower than the others."""
+_POINTS = 500
 """Points at which the scatter is seen, at most."""
-_NORMAL_MEDIAN = 0.6745
-"""Median of the size of a normal variable, in standard deviations."""
-_NEGLIGIBLE, _STANDARD_ERRORS = 0.1, 3.0
-"""Up to which a ratio above 1 counts for nothing: the excess itself, and in its standard errors."""
+_QUANTILES, _NORMAL_SIZES = (0.5, 0.6), np.array([0.6745, 0.8416])
+"""Median of the sizes of differences, and a larger one, below which σ is not lowered; those of a normal variable, in
+standard deviations."""
+_NEGLIGIBLE, _STANDARD_ERRORS = 0.05, 2.0
+"""Difference of a ratio from 1 that counts for nothing: itself, and in its standard errors."""
 _RELATIVE_ERROR = 1.17
 """Relative standard error of a standard deviation that a median tells, times the root of the number of values."""
 
 
-def scatter_over_stated(surface: MeasuredSurface, subsets: GridOfSubsets) -> Array:
-    """Ratios (3,) of the scatter of the displacements to their σ, along each axis; 1 where it hardly exceeds that."""
+def scatter_over_stated(
+    surface: MeasuredSurface, subsets: GridOfSubsets, bias: Array | None = None, misfit_share: float = 0.0
+) -> Array:
+    """Ratios (3,) of the scatter of the displacements to their σ, along each axis; 1 where it hardly differs from that.
+
+    The difference of r² from 1 counts by the share 1 − (l / (r − 1))², where l is what may be chance. Below 1 it is at
+    most that by misfit: noise is known.
+
+    bias : (row, col, 3) — of the displacements, of which the squares are taken out of r² > 1; None if unknown
+    misfit_share : of misfit in the variances
+    """
     at = places_of(surface.known)
     independent = max(1.0, len(at) * (subsets.step / subsets.size) ** 2)
-    limit = max(_NEGLIGIBLE, _STANDARD_ERRORS * _RELATIVE_ERROR / np.sqrt(independent))
+    limit = np.hypot(_NEGLIGIBLE, _STANDARD_ERRORS * _RELATIVE_ERROR / np.sqrt(independent))
     some = np.ascontiguousarray(at[:: 1 + len(at) // _POINTS])
-    least = np.full(3, np.inf)
-    for side in _sides(subsets):
-        least = np.minimum(least, _ratios(surface, some, side))
-        if (least <= 1.0 + limit).all():
-            break
-    return np.asarray(np.where(least > 1.0 + limit, least, 1.0))
+    usual, larger = _ratios(surface, some, _odd_side(subsets, _SIDE, _LEAST_SIDE), _DEGREE) ** 2
+    square = np.where(usual < 1.0, np.clip(larger, usual, 1.0), usual)
+    if (square > (1.0 + limit) ** 2).any():
+        small = _ratios(surface, some, _odd_side(subsets, _SMALL_SIDE, _SMALL_LEAST_SIDE), _SMALL_DEGREE)[0] ** 2
+        square = np.where(square > 1.0, np.clip(small, 1.0, square), square)
+    if bias is not None:
+        square = np.where(square > 1.0, np.maximum(square - _share_of_bias(surface, some, bias), 1.0), square)
+    square = np.maximum(square, 1.0 - misfit_share)
+    share = 1.0 - (limit / np.maximum(np.abs(np.sqrt(square) - 1.0), limit)) ** 2
+    return np.asarray(np.sqrt(1.0 + share * (square - 1.0)))
 
 
-def _sides(subsets: GridOfSubsets) -> list[int]:
-    """Sides of the windows [points], odd and each larger than the one before."""
-    sides = [_LEAST_SIDE - 2]
-    for relative in _SIDES:
-        sides.append(max(sides[-1] + 2, 2 * round((relative * subsets.size / subsets.step - 1.0) / 2.0) + 1))
-    return sides[1:]
+def _odd_side(subsets: GridOfSubsets, relative: float, least: int) -> int:
+    """Side of windows [points], from that in subsets."""
+    return max(least, 2 * round((relative * subsets.size / subsets.step - 1.0) / 2.0) + 1)
 
 
-def _ratios(surface: MeasuredSurface, at: Index, side: int) -> Array:
-    """Ratios (3,) of scatter to σ of fits less points in windows of a side at rows and columns (n, 2).
+def _share_of_bias(surface: MeasuredSurface, at: Index, bias: Array) -> Array:
+    """Means (3,) of the squares of biases (row, col, 3) over the variances at rows and columns (n, 2); 0 if unknown."""
+    covariance = np.sum([share.covariance[at[:, 0], at[:, 1]] for share in surface.errors], axis=0)
+    variance = np.diagonal(displacement_covariance(covariance), axis1=-2, axis2=-1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shares = bias[at[:, 0], at[:, 1]] ** 2 / variance
+    columns = (column[np.isfinite(column)] for column in shares.T)
+    return np.array([column.mean() if len(column) else 0.0 for column in columns])
 
-    0 without windows that have enough points.
+
+def _ratios(surface: MeasuredSurface, at: Index, side: int, degree: int) -> Array:
+    """Ratios (2, 3) of scatter to σ of fits less points in windows of a side at rows and columns (n, 2).
+
+    By the median of their sizes, and by that of the larger ones; 1 without windows that have enough points.
     """
-    functional = np.zeros((1, 1, terms_of_degree(_DEGREE)))
+    functional = np.zeros((1, 1, terms_of_degree(degree)))
     functional[..., 0] = 1.0
     weights = surface.points.functional_weights(at, (side, side), functional)
     weights[..., side // 2, side // 2] -= 1.0
@@ -69,7 +92,8 @@ def _ratios(surface: MeasuredSurface, at: Index, side: int) -> Array:
     with np.errstate(invalid="ignore", divide="ignore"):
         scaled = np.abs(sums[:, :3] - sums[:, 3:]) / np.sqrt(variance)
     columns = (column[np.isfinite(column)] for column in scaled.T)
-    return np.array([np.median(column) if len(column) else 0.0 for column in columns]) / _NORMAL_MEDIAN
+    sizes = [np.quantile(column, _QUANTILES) / _NORMAL_SIZES if len(column) else np.ones(2) for column in columns]
+    return np.stack(sizes, axis=-1)
 
 
 def _variances(surface: MeasuredSurface, at: Index, weights: Array, share: ErrorShare) -> Array:

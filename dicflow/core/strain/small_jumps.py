@@ -213,11 +213,12 @@ def _in_whole_windows(
         covariance = _covariance(points, errors, here, np.ascontiguousarray(weights))
         both = [_in_standard_deviations(one[doubtful], covariance) for one in (jump, beside_steep)]
         significance[doubtful] = np.minimum(*both)
+        jump[doubtful] = 0.5 * (jump + beside_steep)[doubtful]
     return jump, significance
 
 
 def _typical_covariance(errors: list[ErrorShare], at: Index, weights: Array) -> Array:
-    """Covariances (n, 3, 3) of sums with weights (side, side), if all points have the errors of the one in the middle."""
+    """Covariances (n, 3, 3) of sums with weights (side, side), if all points have the errors of that in the middle."""
     rows, cols = at.T
     return np.asarray(np.sum([one.rho.variance(weights) * one.covariance[rows, cols] for one in errors], axis=0))
 

@@ -35,6 +35,7 @@ def test_the_whole_blur_is_found(sigma):
     target = spline(noisy(cv2.GaussianBlur(pattern(), (0, 0), sigma), 2))
     _, same, damping = equally_sharp(noisy(pattern(), 1), EVERYWHERE, target, PLACES, warps(np.eye(2)), 0.0)
     assert damping.blur == pytest.approx(sigma**2, rel=0.05)
+    assert damping.mixing == pytest.approx(sigma, rel=0.03)
     assert same is target
 
 

@@ -43,6 +43,27 @@ def test_larger_errors_show_on_their_axis():
     assert found[1:].tolist() == [1.0, 1.0]
 
 
+def test_smaller_errors_show_as_far_as_misfit_is_stated():
+    surface = measured((SIGMA_PX, 0.5 * SIGMA_PX))
+    assert scatter_over_stated(surface, SUBSETS, misfit_share=1.0)[:2] == pytest.approx([1.0, 0.5], rel=0.15)
+    assert scatter_over_stated(surface, SUBSETS, misfit_share=0.5)[1] >= 0.5**0.5
+    assert scatter_over_stated(surface, SUBSETS)[1] == 1.0
+
+
+def test_a_bias_that_is_known_is_no_scatter():
+    bias = np.broadcast_to([SIGMA_PX * 1.25**0.5, 0.0, 0.0], (*SHAPE, 3))
+    surface = measured((1.5 * SIGMA_PX, SIGMA_PX))
+    assert scatter_over_stated(surface, SUBSETS, bias)[0] == pytest.approx(1.0, abs=0.06)
+
+
+def test_no_threshold_decides():
+    """Each tenth of more scatter makes the ratio larger by less than three of them."""
+    found = [scatter_over_stated(measured((size * SIGMA_PX, SIGMA_PX)), SUBSETS)[0] for size in np.arange(1.0, 1.6, 0.1)]
+    assert found[0] == 1.0
+    assert 0.0 <= np.diff(found).min()
+    assert np.diff(found).max() < 0.3
+
+
 @pytest.mark.parametrize("length", [600.0, 200.0])
 def test_waves_are_no_scatter(length):
     """Of 10 % strain: the widest window does not follow the shorter one, the smallest does."""

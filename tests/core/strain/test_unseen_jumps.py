@@ -95,6 +95,20 @@ def test_smooth_motion_and_noise_have_none():
     assert all(unseen_jumps(measured(bent(), seed), NOWHERE, SUBSETS, WINDOW) is None for seed in range(6))
 
 
+def test_steep_smooth_motion_has_none():
+    """Of degree 5 across the lines, which a fit of degree 3 takes for a jump of 20 σ."""
+    steep = 12.0 * (ROW / 25.0 - 1.0) ** 5
+    assert all(unseen_jumps(measured(steep, seed), NOWHERE, SUBSETS, WINDOW) is None for seed in range(4))
+
+
+def test_points_that_scatter_more_than_stated_have_none():
+    growth = np.full(SHAPE, 2.0)
+    for seed in range(4):
+        surface = measured(bent(), seed, growth=growth)
+        stated = [one._replace(covariance=one.covariance / 4.0) for one in surface.errors]
+        assert unseen_jumps(surface._replace(errors=stated), NOWHERE, SUBSETS, WINDOW) is None
+
+
 def test_subsets_that_a_rim_cuts_have_none():
     """Their larger errors are no jumps; a jump among them is one as soon as it stands out against these."""
     growth = np.where(np.abs(COL - 34.5) > 32.0, 5.0, 1.0)
