@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Generator
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -75,6 +76,28 @@ def copied(pipeline: Path, measured: Path, tmp_path: Path) -> Path:
     """The pipeline and its store in a folder that may be changed."""
     shutil.copytree(pipeline.parent, tmp_path / "copy", ignore=shutil.ignore_patterns("results"))
     return tmp_path / "copy" / pipeline.name
+
+
+@pytest.fixture
+def boards_recognised_once(monkeypatch):
+    """Which board a photograph shows is found once for all tests of this process that use the same photographs."""
+    import numpy as np
+
+    from dicflow.start import folder
+
+    original = folder.identify_board
+
+    def identify(image, thorough=True):
+        key = image.shape, image.dtype.str, sha256(np.ascontiguousarray(image)).hexdigest(), thorough
+        if key not in _boards:
+            _boards[key] = original(image, thorough)
+        return _boards[key]
+
+    monkeypatch.setattr(folder, "identify_board", identify)
+
+
+_boards: dict[tuple[object, ...], object] = {}
+"""By shape, type and digest of the photograph, and how thoroughly it was searched."""
 
 
 @pytest.fixture(autouse=True)
