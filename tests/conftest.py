@@ -9,7 +9,6 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Generator
-from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -43,7 +42,8 @@ def pipeline(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A pipeline file beside the photographs of a small experiment; its folder is to be copied before it is changed."""
     from small import photograph_experiment
 
-    return photograph_experiment(tmp_path_factory.mktemp("experiment") / "small")
+    photographed = made_once(tmp_path_factory, "experiment", photograph_experiment)
+    return shutil.copytree(photographed, tmp_path_factory.mktemp("experiment") / "small") / "quickstart.yaml"
 
 
 @pytest.fixture(scope="session")
@@ -81,23 +81,9 @@ def copied(pipeline: Path, measured: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def boards_recognised_once(monkeypatch):
     """Which board a photograph shows is found once for all tests of this process that use the same photographs."""
-    import numpy as np
+    from tests.boards_once import recognise_boards_once
 
-    from dicflow.start import folder
-
-    original = folder.identify_board
-
-    def identify(image, thorough=True):
-        key = image.shape, image.dtype.str, sha256(np.ascontiguousarray(image)).hexdigest(), thorough
-        if key not in _boards:
-            _boards[key] = original(image, thorough)
-        return _boards[key]
-
-    monkeypatch.setattr(folder, "identify_board", identify)
-
-
-_boards: dict[tuple[object, ...], object] = {}
-"""By shape, type and digest of the photograph, and how thoroughly it was searched."""
+    recognise_boards_once(monkeypatch)
 
 
 @pytest.fixture(autouse=True)
