@@ -11,12 +11,12 @@ from dicflow.tuning.choice import Wish
 from dicflow.tuning.tune import tune
 from tests.tuning.strained import band, photographed, uniform
 
-NEAR, SIDE = 1.15, 240
+NEAR = 1.15
 
 SCENES = {
     "uniform strain": (uniform(0.01), 4.0, True),
-    "a band of strain": (band(0.03, 25.0, SIDE), 3.0, True),
-    "a narrow band of strain, nothing at rest": (band(0.05, 10.0, SIDE), 2.0, False),
+    "a band of strain": (band(0.03, 25.0), 3.0, True),
+    "a narrow band of strain, nothing at rest": (band(0.05, 10.0), 2.0, False),
 }
 
 
@@ -25,7 +25,7 @@ class Measured:
 
     def __init__(self, folder, scene, noise, still):
         motion, self.truth = scene
-        path = photographed(folder, motion, noise, still, side=SIDE)
+        path = photographed(folder, motion, noise, still)
         self.results = []
         self.found = tune(Pipeline.load(path), Wish(), self.run, lambda begun: None)
         self.true = np.array([self.error_of(trial) for trial in self.found.tried])
