@@ -42,7 +42,8 @@ def pipeline(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A pipeline file beside the photographs of a small experiment; its folder is to be copied before it is changed."""
     from small import photograph_experiment
 
-    return photograph_experiment(tmp_path_factory.mktemp("experiment") / "small")
+    photographed = made_once(tmp_path_factory, "experiment", photograph_experiment)
+    return shutil.copytree(photographed, tmp_path_factory.mktemp("experiment") / "small") / "quickstart.yaml"
 
 
 @pytest.fixture(scope="session")
@@ -75,6 +76,14 @@ def copied(pipeline: Path, measured: Path, tmp_path: Path) -> Path:
     """The pipeline and its store in a folder that may be changed."""
     shutil.copytree(pipeline.parent, tmp_path / "copy", ignore=shutil.ignore_patterns("results"))
     return tmp_path / "copy" / pipeline.name
+
+
+@pytest.fixture
+def boards_recognised_once(monkeypatch):
+    """Which board a photograph shows is found once for all tests of this process that use the same photographs."""
+    from tests.boards_once import recognise_boards_once
+
+    recognise_boards_once(monkeypatch)
 
 
 @pytest.fixture(autouse=True)

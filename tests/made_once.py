@@ -17,7 +17,7 @@ _MOST_S = 600.0
 """Time that a busy machine may need to make one."""
 
 
-def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], None]) -> Path:
+def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
     """A folder of all processes of this run of tests, which nobody changes. make : fills it; called in one process"""
     base = factory.getbasetemp()
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / name

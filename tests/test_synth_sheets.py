@@ -16,6 +16,8 @@ from dicflow.core.synthetic.stand import verged_stand
 from dicflow.synth.equilibrium import equilibrium
 from dicflow.synth.sheets import CONSTANTS, GRAVITY, SHAPES, Rubber, loads_of, solved, write_sheets
 
+pytestmark = pytest.mark.slow  # of sheets that are computed and rendered
+
 MODEL, C = MODELS["mooney_rivlin"], np.array(CONSTANTS["mooney_rivlin"])
 
 
@@ -92,7 +94,6 @@ def test_unloading_follows_the_damage():
     np.testing.assert_allclose(found.moved[-1], 0.0, atol=1e-9)
 
 
-@pytest.mark.slow
 def test_a_folder_of_sheets(tmp_path):
     rubber = Rubber("neo_hooke", CONSTANTS["neo_hooke"], up=1)
     write_sheets(tmp_path, rubber, shapes=("wide",), scale=0.15, boards=2)

@@ -17,7 +17,7 @@ from dicflow.io.configuration import read
 from dicflow.pipeline import Pipeline
 from tests.phones import UNLIKE, taken_by_phones
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("boards_recognised_once")]
 SAMPLES = Path(__file__).resolve().parents[2] / "data_samples"
 
 

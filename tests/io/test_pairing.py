@@ -39,6 +39,7 @@ def recordings(draw):
     return form, *([k for k in side if k not in gone] for side, gone in zip((left, right), lost, strict=True))
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(recordings())
 def test_either_all_pairs_are_right_or_the_photographs_are_refused(recording):
@@ -52,6 +53,7 @@ def test_either_all_pairs_are_right_or_the_photographs_are_refused(recording):
             pair_names(*names)
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(recordings())
 def test_what_is_left_of_skipped_steps_are_right_pairs(recording):

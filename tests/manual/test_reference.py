@@ -65,6 +65,7 @@ def test_the_parts_that_the_validation_names_exist():
     assert named <= {*PARTS, *REAL}
 
 
+@pytest.mark.slow
 def test_every_message_has_a_section_of_troubleshooting():
     """Both ways: no message without a section, and no section that nothing leads to."""
     known = sections()

@@ -93,8 +93,10 @@ def test_the_names_are_those_of_stages_and_kernels():
 
 
 @pytest.mark.slow
-def test_after_warm_no_run_compiles(tmp_path):
+def test_after_warm_no_run_compiles(pipeline, tmp_path):
     """Of both ways to measure: the kernels kept by ``warm`` are all that a run needs."""
+    probes = "probes.extensometers={length: [[215, 80], [215, 270]]}"
+    precise = ROOT / "pipelines" / "quickstart.yaml", "--data", pipeline.parent, "--set", probes
     environment = {**os.environ, "HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
     environment.pop(kernel_cache.VARIABLE, None)
 
@@ -111,8 +113,7 @@ def test_after_warm_no_run_compiles(tmp_path):
     assert warmed("--workers", 2) == [*(f"kernels, {name}" for name in KERNELS), "modules", "source of the stages"]
     after = kept()
     assert len(after) >= len(KERNELS)
-    for name in ("quickstart", "thesis_quickstart"):
-        path, data = ROOT / "pipelines" / f"{name}.yaml", ROOT / "data_samples"
-        dicflow("run", path, "--data", data, "--store", tmp_path / name, "--output", tmp_path / "results")
+    for given in (precise, (pipeline,)):
+        dicflow("run", *given, "--store", tmp_path / "store", "--output", tmp_path / "results")
     assert kept() == after
     assert warmed() == ["modules", "source of the stages"]

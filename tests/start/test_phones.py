@@ -10,7 +10,7 @@ from small import dicflow
 from dicflow.io.configuration import parse
 from tests.phones import ALIKE, UNLIKE, taken_by_phones
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("boards_recognised_once")]
 SMALL = {"steps": 4, "boards": 4}
 
 

@@ -12,7 +12,7 @@ from scipy.special import erf
 from dicflow.core.synthetic.motion import Motion, render_pattern, speckle_pattern
 from dicflow.core.synthetic.render import add_noise_and_round
 
-SIDE, MARGIN = 300, 20
+SIDE, MARGIN = 240, 20
 PIPELINE = f"""\
 # one camera
 stages:

@@ -13,10 +13,10 @@ from small import ROOT, dicflow
 from dicflow.pipeline import Pipeline
 from tests.tuning.strained import PIPELINE, band, photographed
 
-MEAN = 0.03 * 25.0 * math.sqrt(2.0 * math.pi) / 240.0
-"""Strain of an extensometer of 240 px across the band."""
+MEAN = 0.03 * 25.0 * math.sqrt(2.0 * math.pi) / 180.0
+"""Strain of an extensometer of 180 px across the band."""
 COMPARED = """\
-  probes: {stage: probes, total: total, extensometers: {E: [[150, 30], [150, 270]]}}
+  probes: {stage: probes, total: total, extensometers: {E: [[120, 30], [120, 210]]}}
   comparison: {stage: compare, caliper: caliper.csv, probes: probes, extensometer: E, total: total}
 """
 
@@ -89,7 +89,7 @@ def test_it_says_what_it_does_and_recommends(tuned):
     assert "VSG [px]" in lines[0]
     (against,) = (line for line in lines if line.startswith("against the caliper, "))
     assert against.startswith(
-        f"against the caliper, {100 * MEAN:.2f} % ± 141 µε at step_2 (extensometer E): present 0.78"
+        f"against the caliper, {100 * MEAN:.2f} % ± 141 µε at step_2 (extensometer E): present {100 * MEAN:.2f}"
     )
     assert against.count("agrees") == 2
 

@@ -7,6 +7,8 @@ from dicflow.core.correlation.sampling import copy_patch, locate_pixels, new_pla
 from dicflow.core.correlation.warp import apply_warp
 from dicflow.core.photographs.interpolate import interpolate, spline
 
+pytestmark = pytest.mark.slow  # the sampling is compiled anew by each process
+
 SIDE, HALF = 90, 10
 PHOTOGRAPH = np.random.default_rng(0).uniform(0.0, 255.0, (SIDE, SIDE))
 OFFSETS = np.stack(np.meshgrid(*[np.arange(-HALF, HALF + 1)] * 2), axis=-1).reshape(-1, 2)

@@ -408,6 +408,7 @@ for name, degree in (("affine", 5), ("affine", 3), ("quadratic", 5)):
 """
 
 
+@pytest.mark.slow
 def test_plain_python_gives_the_compiled_result(tmp_path):
     warp = np.array([[60.3, 1.02, 0.01], [60.2, -0.02, 0.99]])
     images = {"reference": photograph()[42:79, 42:79], "target": photograph(warp)[42:79, 42:79]}

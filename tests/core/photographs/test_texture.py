@@ -70,6 +70,7 @@ def test_speckles_are_measured(diameter):
     assert speckle_size(pair.reference, mask) == pytest.approx(diameter, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_window_tells_for_a_large_mask():
     """Its place is where the mask is, and the rest of the photograph does not count."""
     pair = planar_pair((1500, 1300), (0.0, 0.0), diameter=(7.0, 7.0), coverage=0.2, noise=2.0)

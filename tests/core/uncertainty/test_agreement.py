@@ -47,7 +47,7 @@ def test_fields_without_common_points():
     assert math.isnan(found.mean)
 
 
-@settings(max_examples=20)
+@settings(max_examples=5)
 @given(st.floats(-2, 2), st.floats(-2, 2), st.floats(-2, 2))
 def test_a_linear_field_is_found_exactly_on_another_grid(slope_x, slope_y, constant):
     fine, coarse = grid(5.0), grid(7.0)
