@@ -246,10 +246,6 @@ def _check_inputs(name: str, stages: Mapping[str, StageSpec]) -> None:
             _fail(name, spec, f"needs an input '{port_name}' ({' or '.join(port.kinds)}); name the stage for it")
         for source in sources:
             _check_source(name, spec, port_name, source, stages)
-    try:
-        spec.node.check_joined({port: stages[source].node for port, source in spec.inputs.items()})
-    except ConfigurationError as error:
-        _fail(name, spec, str(error))
 
 
 def _check_source(name: str, spec: StageSpec, port_name: str, source: str, stages: Mapping[str, StageSpec]) -> None:

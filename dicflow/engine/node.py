@@ -48,6 +48,7 @@ class Joined(NamedTuple):
         whose files these are
     files : its own, in their order
     inputs : port → stage joined to it
+    is_whole : whether these steps are all that there will be
     """
 
     node: Node
@@ -55,6 +56,7 @@ class Joined(NamedTuple):
     facts: Mapping[str, Mapping[str, Any]]
     files: tuple[Path | FilePart, ...]
     inputs: Mapping[str, Joined]
+    is_whole: bool = True
 
 
 class Scope(StrEnum):
@@ -267,17 +269,10 @@ class Node(BaseModel):
         Raises InputError that names the first file that does not fit the others.
         """
 
-    def check_joined(self, nodes: Mapping[str, Node]) -> None:
-        """Check that the settings of the stages joined to the inputs suit this one, before anything runs.
-
-        nodes : port → the stage that gives it
-        Raises ConfigurationError that says which setting to change.
-        """
-
     def problems(self, joined: Mapping[str, Joined]) -> Iterator[tuple[str, str]]:
-        """Parameters that do not suit the photographs, each with what is wrong, found before anything runs.
+        """Parameters that do not suit the photographs or what is joined, each with what is wrong.
 
-        Or ports, of which the stage joined to them does not suit this one.
+        Or ports, of which the stage joined to them does not suit this one. They are found before anything runs.
 
         joined : port → the stage joined to it
         """

@@ -142,8 +142,7 @@ def make_plan(
     """
     try:
         facts = _check_files(graph, store, on_event)
-        if graph.is_whole:
-            check_parameters(graph, facts)
+        check_parameters(graph, facts)
         planner = _Planner(graph, store, pipeline, code_policy, not every_file and len(graph.tasks) > _MANY)
         for task in _reported("tasks", graph.tasks.values(), len(graph.tasks), _MANY, on_event):
             planner.add(task)

@@ -18,7 +18,7 @@ Facts = Mapping[Path | FilePart, Mapping[str, Any]]
 
 
 def check_parameters(graph: Graph, facts: Mapping[str, Facts]) -> None:
-    """Raise ConfigurationError that lists every parameter that does not suit the photographs, with its place.
+    """Raise ConfigurationError that lists every parameter that does not suit, with its place.
 
     facts : stage → file → what the stage found in it
     """
@@ -38,7 +38,8 @@ def _all_joined(graph: Graph, facts: Mapping[str, Facts]) -> Iterator[tuple[str,
     for name, spec in graph.stages.items():
         inputs = {port: known[source] for port, source in spec.inputs.items() if source in known}
         first = _first_facts(graph, graph.starts[name], facts) if name in graph.starts else {}
-        known[name] = Joined(spec.node, graph.steps[name], first, tuple(facts.get(name, ())), inputs)
+        files = tuple(facts.get(name, ()))
+        known[name] = Joined(spec.node, graph.steps[name], first, files, inputs, graph.is_whole)
         yield name, inputs
 
 

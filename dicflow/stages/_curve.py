@@ -72,7 +72,7 @@ def _check(found: Measured, known: np.ndarray, mode: str) -> None:
 
     if known.sum() < 2:
         raise StageError(
-            f"{known.sum()} of {len(known)} steps have both a load and a stretch; a curve needs two or more"
+            f"{known.sum()} of {len(known)} steps have both a load and a stretch, and a curve needs two; look at both"
         )
     if mode == "biaxial" and found.lateral is None:
         raise StageError("mode: biaxial needs the stretch across the load; measure it, or set another mode")

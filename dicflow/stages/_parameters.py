@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Annotated
 
 from pydantic import Field
@@ -16,8 +16,14 @@ WindowSide = Annotated[Pixels, Field(gt=0)]
 """One side of a window."""
 
 
-def unknown_steps(parameter: str, named: Iterable[str], known: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """A problem for each step that a parameter names and that is not known, with the name that is nearest."""
+def unknown_steps(parameter: str, named: Iterable[str], joined: Joined) -> Iterator[tuple[str, str]]:
+    """A problem for each step that a parameter names and a stage does not have, with the name that is nearest.
+
+    None while steps may still come.
+    """
+    if not joined.is_whole:
+        return
+    known = joined.steps
     ends = f" {known[0]} … {known[-1]}" if known else ""
     for name in named:
         if name not in known:

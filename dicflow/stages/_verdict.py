@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from dicflow.core.material.fit import Curve
     from dicflow.core.material.prediction import Guess, Spread
 
-__all__ = ["guesses_of", "not_excluded", "verdict"]
+__all__ = ["guesses_of", "not_excluded", "simplest", "verdict"]
 
 _LEVEL = 0.95
 """Share of tests in which a model that is right is not excluded."""
@@ -56,8 +56,16 @@ def verdict(
     found += _predictions(fitted, curves)
     found += [(text, True) for text in _misfit(best)]
     found += [(text, False) for text in _common(curves)]
-    found += [(f"{name} was not fitted: {reason}.", False) for name, reason in refused.items()]
+    found += [(f"{name} was not fitted: {reason}.", True) for name, reason in refused.items()]
     return [text for text, _ in found], [text.rstrip(".") for text, warns in found if warns]
+
+
+def simplest(refused: Mapping[str, str]) -> str:
+    """Why the model with the fewest constants was not fitted. refused : name of a model → why it was not"""
+    from dicflow.core.material.models import MODELS
+
+    name = min(refused, key=lambda one: len(MODELS[one].constants))
+    return f"not even {name}: {refused[name]}" if len(refused) > 1 else f"{name}: {refused[name]}"
 
 
 def not_excluded(fitted: Sequence[FittedModel]) -> list[FittedModel]:

@@ -78,7 +78,7 @@ class Calibrate(Node):
     min_pairs: int = parameter(8, "no pair is dropped when only this many remain, and none is solved with fewer", ge=3)
 
     def problems(self, joined: Mapping[str, Joined]) -> Iterator[tuple[str, str]]:
-        return unknown_steps("leave_out", self.leave_out, joined["corners"].steps)
+        return unknown_steps("leave_out", self.leave_out, joined["corners"])
 
     def joins(self, port: str) -> bool:
         return port != "images" or self.offset is not None

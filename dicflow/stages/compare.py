@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from dicflow.engine.node import At, InputFile, Node, Port, Scope, parameter
+from dicflow.engine.node import At, InputFile, Joined, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
-from dicflow.errors import ConfigurationError, InputError, StageError
+from dicflow.errors import InputError, StageError
 from dicflow.kinds.cloud import Cloud
 from dicflow.kinds.comparison import Comparison, FieldStrain
 from dicflow.kinds.probes import ProbeTable
@@ -68,8 +68,6 @@ class Compare(Node):
         steps: Mapping[str, Mapping[str, Path]],
         inputs: Mapping[str, tuple[str, ...]],
     ) -> None:
-        if not {"track", "total"} & inputs.keys() and self.extensometer is None:
-            raise ConfigurationError("compare needs a track, a total, or the name of an extensometer of the probes")
         if not (counts := [len(inputs[port]) + more for port, more in (("track", 0), ("total", 1)) if port in inputs]):
             return
         count = counts[0]
@@ -80,10 +78,13 @@ class Compare(Node):
                     "write one row per step, the first for the unloaded specimen"
                 )
 
-    def check_joined(self, nodes: Mapping[str, Node]) -> None:
-        measure = getattr(nodes.get("total"), "measure", "engineering")
+    def problems(self, joined: Mapping[str, Joined]) -> Iterator[tuple[str, str]]:
+        """A length that nobody gives, and a total whose strain is not that of a caliper."""
+        if not {"track", "total"} & joined.keys() and self.extensometer is None:
+            yield "extensometer", "is missing, and so are a track and a total; add one of the three"
+        measure = getattr(joined["total"].node, "measure", "engineering") if "total" in joined else "engineering"
         if measure != "engineering":
-            raise ConfigurationError(_OTHER_MEASURE.format(measure))
+            yield "total", _OTHER_MEASURE.format(measure)
 
     def look(self, total: Product) -> Product:
         """Mean strain of the field at one step."""

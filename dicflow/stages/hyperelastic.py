@@ -13,7 +13,7 @@ from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 from dicflow.kinds.curve import StressCurve
 from dicflow.kinds.material import FittedConstant, FittedCurve, FittedModel, Material
-from dicflow.stages._verdict import verdict
+from dicflow.stages._verdict import simplest, verdict
 
 if TYPE_CHECKING:
     from dicflow.core.material.fit import Curve, Fit
@@ -68,8 +68,9 @@ class Hyperelastic(Node):
             except ValueError as error:
                 refused[name] = str(error)
         if not fitted:
-            reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
-            raise StageError(f"no model can be fitted: {reasons}; give more points or models with fewer constants")
+            raise StageError(
+                f"no model can be fitted, {simplest(refused)}; give more points or a model with fewer constants"
+            )
         fitted.sort(key=rank)
         listed = [FittedCurve(one.name, one.mode, len(one.stress), one.common_stress) for one in chosen]
         sentences, warnings = verdict(fitted, listed, refused, chosen)

@@ -45,7 +45,7 @@ class NoiseFloor(Node):
     rigid: bool = parameter(True, "remove the rigid-body motion of each step first")
 
     def problems(self, joined: Mapping[str, Joined]) -> Iterator[tuple[str, str]]:
-        return unknown_steps("still", self.still, joined["total"].steps)
+        return unknown_steps("still", self.still, joined["total"])
 
     def run(self, total: Sequence[Product]) -> Product:
         import numpy as np

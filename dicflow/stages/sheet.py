@@ -126,8 +126,9 @@ class Sheet(Node):
         if not used:
             least = float(np.nanmin(forces, initial=0.0))
             sign = f" the load is negative, down to {least:.4g} N: its sign is reversed;" if least < 0.0 else ""
+            which = "no step" if self.phase == "both" else f"no step of {self.phase}"
             raise StageError(
-                f"no step has both a load above 0 and measured points;{sign} look at the load and the total"
+                f"{which} has both a load above 0 and measured points;{sign} look at the load and the total"
             )
         _check_direction([totals[k] for k in np.flatnonzero(forces > 0.0)], forces[forces > 0.0])
         fields = [totals[k] for k in used]
@@ -225,7 +226,8 @@ def _loads(channels: Channels, steps: Sequence[str]) -> tuple[np.ndarray, float,
         raise StageError(f"the channels have no step {', '.join(missing)}; give a load for every step")
     places = [channels.steps.index(step) for step in steps]
     forces = load.values[places] * factor
-    u = 0.0 if load.u is None else float(np.nanmedian(load.u[places])) * factor
+    known = np.zeros(0) if load.u is None else load.u[places][np.isfinite(load.u[places])]
+    u = float(np.median(known)) * factor if known.size else 0.0
     peak = int(np.argmax(np.nan_to_num(forces)))
     phases = channels.phases or [
         "loading" if place <= places[peak] else "unloading" for place in range(max(places) + 1)
@@ -261,7 +263,9 @@ def _sides_of_region(region: Region, image_width: int, grid: _Grid, row: int) ->
 def _outline(polygons: Sequence[Polygon]) -> np.ndarray:
     """Outline (n, 2) of one sheet [px]. Raises StageError where there are several, or holes."""
     if len(polygons) != 1 or polygons[0].holes:
-        raise StageError("the region has holes or several parts, but virtual work needs one sheet without holes")
+        raise StageError(
+            "the region has holes or several parts, but virtual work needs one sheet without; draw one outline"
+        )
     return polygons[0].exterior
 
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import model_validator
 
-from dicflow.engine.node import InputFile, Millimetres, Node, Port, Scope, parameter
+from dicflow.engine.node import InputFile, Joined, Millimetres, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
-from dicflow.errors import ConfigurationError, StageError
+from dicflow.errors import StageError
 from dicflow.kinds.channels import Channels
 from dicflow.kinds.kind import titles_of
 from dicflow.kinds.probes import ProbeTable
@@ -95,19 +95,16 @@ class Stress(Node):
     def joins(self, port: str) -> bool:
         return port != "sheet" or self.width is None
 
-    def check_joined(self, nodes: Any) -> None:
-        if self.width is None and "sheet" not in nodes:
-            raise ConfigurationError(
-                "stress needs the width: give width: …, or a stage sheet, which takes it from the edges of the region"
-            )
-        if self.caliper is None and "channels" not in nodes:
-            raise ConfigurationError(
-                "stress needs the load: name a table with caliper: …, or a stage that gives channels"
-            )
+    def problems(self, joined: Mapping[str, Joined]) -> Iterator[tuple[str, str]]:
+        """A width, load or stretch that nobody gives."""
+        if self.width is None and "sheet" not in joined:
+            yield "width", "is missing; give it, or a stage sheet, which takes it from the edges of the region"
+        if self.caliper is None and "channels" not in joined:
+            yield "channels", "the load is missing; name a table with caliper: …, or a stage that gives channels"
         if self.probe is None and self.caliper is None:
-            raise ConfigurationError("stress needs the stretch: name a probe, or a table with caliper: …")
-        if self.probe is not None and "probes" not in nodes:
-            raise ConfigurationError(f"probe '{self.probe}' needs a stage 'probes'; add one")
+            yield "probe", "the stretch is missing; name a probe, or a table with caliper: …"
+        if self.probe is not None and "probes" not in joined:
+            yield "probe", f"'{self.probe}' needs a stage 'probes'; add one"
 
     def run(
         self,

@@ -13,7 +13,7 @@ from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 from dicflow.kinds.material import FittedConstant, FittedCurve, FittedModel, Material
 from dicflow.kinds.sheet import SheetFields
-from dicflow.stages._verdict import verdict
+from dicflow.stages._verdict import simplest, verdict
 
 if TYPE_CHECKING:
     import numpy as np
@@ -72,10 +72,8 @@ class VirtualFields(Node):
             except ValueError as error:
                 refused[name] = str(error)
         if not fitted:
-            reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
             raise StageError(
-                f"no model can be fitted: {reasons}; take a finer mesh, more loaded steps, or models with fewer "
-                "constants"
+                f"no model can be fitted, {simplest(refused)}; give more loaded steps or a model with fewer constants"
             )
         models = sorted((model for model, _ in fitted.values()), key=_rank)
         listed = [FittedCurve(one.name, "biaxial", len(one.stress), one.common_stress) for one in test.curves]

@@ -49,7 +49,8 @@ class Picky(Node):
 
     def problems(self, joined: Mapping[str, Joined]) -> Iterator[tuple[str, str]]:
         """Unknown steps, and a first number that is too large."""
-        yield from (("still", f"no {name}") for name in self.still if name not in joined["numbers"].steps)
+        if joined["numbers"].is_whole:
+            yield from (("still", f"no {name}") for name in self.still if name not in joined["numbers"].steps)
         if joined["numbers"].facts["source"]["value"] > self.most:
             yield "most", "exceeded"
 
@@ -81,6 +82,8 @@ def test_steps_that_may_still_come_are_not_missed(folder, store):
     assert plan(expand(stages, so_far), store).counts["run"] == 3
     few = replace(stages["read"], only=("step_01", "step_02"))
     assert plan(expand({**stages, "read": few}), store).counts["run"] == 2
+    with pytest.raises(ConfigurationError, match="most: exceeded"):
+        plan(expand(picky(folder, most=0.5), so_far), store)
 
 
 def test_a_changed_parameter_is_shown_old_and_new(folder, store):

@@ -5,10 +5,12 @@ import pytest
 from analytic import affine, cloud, run_all, track, tracks
 from looking import ran
 
+from dicflow.engine.node import Joined
 from dicflow.engine.product import Product, Variable
-from dicflow.errors import ConfigurationError, InputError, StageError
+from dicflow.errors import InputError, StageError
 from dicflow.kinds.region import polygons_to_json
 from dicflow.stages.compare import Compare
+from dicflow.stages.deformation import Deformation
 
 LENGTHS = [12.0, 15.0, 24.0, 18.0]
 PHASES = ["loading", "loading", "loading", "unloading"]
@@ -173,14 +175,26 @@ def test_a_shorter_extensometer_is_compared_in_strain_alone(tmp_path):
     assert list(pixels["dic_length_px"]) == LENGTHS
 
 
+@pytest.mark.parametrize(
+    ("joined", "given", "named"),
+    [
+        ({}, {}, ["extensometer"]),
+        ({}, {"extensometer": "long"}, []),
+        ({"total": "green_lagrange"}, {}, ["total"]),
+        ({"total": "engineering"}, {}, []),
+    ],
+)
+def test_what_a_comparison_needs_is_named_before_it_runs(joined, given, named):
+    whole = {port: Joined(Deformation(measure=measure), (), {}, (), {}) for port, measure in joined.items()}
+    assert [parameter for parameter, _ in Compare(caliper="c.csv", **given).problems(whole)] == named
+
+
 def test_an_extensometer_that_is_not_there(tmp_path):
     path = table(tmp_path)
     with pytest.raises(StageError, match=r"'wide'.* short, long"):
         Compare(caliper=str(path), extensometer="wide").run(probes=probes(LENGTHS), caliper_path=path)
     with pytest.raises(StageError, match="add a stage 'probes'"):
         Compare(caliper=str(path), extensometer="wide").run(caliper_path=path)
-    with pytest.raises(ConfigurationError, match="a track, a total"):
-        Compare(caliper=str(path)).agree({path: {"rows": 4}}, {}, {})
     with pytest.raises(InputError, match=r"4 rows.* 3 steps"):
         Compare(caliper=str(path), extensometer="long").agree({path: {"rows": 4}}, {}, {"total": ("b", "c")})
 

@@ -68,7 +68,7 @@ def totals(gradients, sigma=SIGMA, known=None):
 
 def channels(forces, unit="N", steps=("0", "1", "2", "3"), load="load"):
     values = np.append(0.0, forces)
-    u = np.full(len(values), 0.001)
+    u = 0.001 + 0.0 * values
     return Channels.write({"load": Channel(values, unit, "load", u)}, steps, load=load)
 
 
@@ -265,7 +265,7 @@ def test_errors_of_points_that_are_left_out_do_not_count(solution):
 
 
 def test_a_field_without_points_is_refused(solution):
-    with pytest.raises(StageError, match="no step has both"):
+    with pytest.raises(StageError, match="no step of loading has both"):
         sheet(*solution, known=np.zeros((CELLS, CELLS), bool))
 
 
