@@ -11,8 +11,12 @@ def _load_without_scipy() -> None:
     """Load the arrays of numba, which loads all of scipy's linear algebra to see whether it is there.
 
     That takes 0.14 s, more than the kernels, none of which needs it. One that did would load it where it is compiled.
+    The name is numba's own: a version that lacks it loads everything.
     """
-    look, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    look = getattr(linalg, "ensure_blas", None)
+    if look is None:
+        return
+    linalg.ensure_blas = lambda: None
     try:
         import numba.np.arraymath  # noqa: F401
     finally:
