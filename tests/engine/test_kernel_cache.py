@@ -119,3 +119,18 @@ def test_kernels_are_kept_there_without_a_home(home, tmp_path):
     environment = {**os.environ, "TMPDIR": str(tmp_path / "temporary")}
     done = subprocess.run([sys.executable, "-c", KERNELS], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == str({str(kernel_folder())})
+
+
+def test_kernels_load_without_scipys_linear_algebra():
+    """Which numba loads to see whether it is there; afterwards numba looks for it as before."""
+    code = """
+import sys
+from numba import njit
+from numba.np import linalg
+from dicflow.core import kernels
+assert njit(lambda x: x + 1)(1) == 2
+assert not any(name.startswith("scipy.linalg") for name in sys.modules)
+linalg.ensure_blas()
+assert "scipy.linalg" in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

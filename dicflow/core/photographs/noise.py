@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from dicflow.core.arrays import Array, Grey, Image, Mask
-from dicflow.core.photographs.texture import saturation_level
+from dicflow.core.photographs.texture import in_strips, saturation_level
 
 __all__ = [
     "Noise",
@@ -29,6 +29,8 @@ MAX_STATIC_MOTION_PX = 0.05  # motion below which two photographs are a static p
 
 MIN_PLAIN_SHARE, MIN_PLAIN_PIXELS = 0.03, 500  # size of the plainest part of the region
 _FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
+_DIFFERENCE_REACH_PX, _SLOPE_REACH_PX = 2, 9
+"""Reach of fourth differences, and of a slope of grey levels that are smoothed before and after."""
 _INTERPOLATED_VARIANCE = {3: 0.874**2, 5: 0.918**2}
 """Mean variance of white noise after interpolation, over that before: (∫ φ²)² of the cardinal spline φ."""
 _PLACES_PER_SIDE = 5  # of a subset at which the noise of its interpolated pixels is computed
@@ -107,16 +109,27 @@ def image_noise(image: Grey, usable: Mask) -> float:
     speckles remain, so only the part where the smoothed image varies least is used. Clipped pixels lack noise and are
     left out. The noise is overestimated where the pattern is finer than a few pixels.
     """
-    grey = image.astype(np.float32)
-    residual = cv2.sepFilter2D(grey, cv2.CV_64F, _FOURTH_DIFFERENCE, _FOURTH_DIFFERENCE, borderType=cv2.BORDER_REFLECT)
-    smooth = cv2.GaussianBlur(grey, (0, 0), 1.0)
-    slope = np.hypot(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3))
-    slope = np.asarray(cv2.GaussianBlur(slope, (0, 0), 1.0))
-    unclipped = usable & (grey > 0) & (grey < saturation_level(image))
+    unclipped = usable & (image > 0) & (image < saturation_level(image))
     if not unclipped.any():
         return 0.0
     share = min(1.0, max(MIN_PLAIN_SHARE, MIN_PLAIN_PIXELS / int(unclipped.sum())))
-    return _standard_deviation_without_outliers(residual[unclipped & (slope <= np.quantile(slope[unclipped], share))])
+    slope = np.concatenate([part for _, part in in_strips(image, _SLOPE_REACH_PX, _smooth_slope)])
+    plain = unclipped & (slope <= np.quantile(slope[unclipped], share))
+    residual = [part[plain[rows]] for rows, part in in_strips(image, _DIFFERENCE_REACH_PX, _fourth_differences)]
+    return _standard_deviation_without_outliers(np.concatenate(residual))
+
+
+def _smooth_slope(grey: Image) -> Image:
+    """Slope of the smoothed grey levels, smoothed."""
+    smooth = cv2.GaussianBlur(grey, (0, 0), 1.0)
+    slope = np.hypot(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3))
+    return np.asarray(cv2.GaussianBlur(slope, (0, 0), 1.0))
+
+
+def _fourth_differences(grey: Image) -> Array:
+    """Fourth differences along rows and columns."""
+    kernel = _FOURTH_DIFFERENCE
+    return np.asarray(cv2.sepFilter2D(grey, cv2.CV_64F, kernel, kernel, borderType=cv2.BORDER_REFLECT))
 
 
 def pair_noise(first: Grey, second: Grey, usable: Mask) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import cv2
@@ -12,6 +13,7 @@ from dicflow.core.arrays import Array, Grey, Image, Mask
 __all__ = [
     "MIN_TEXTURE",
     "Texture",
+    "in_strips",
     "mean_intensity_gradient",
     "saturated_share",
     "saturation_level",
@@ -51,8 +53,24 @@ def mean_intensity_gradient(image: Grey, mask: Mask | None = None) -> float:
     The measure of a speckle pattern's quality by Pan, Lu and Xie (Optics and Lasers in Engineering 48, 2010), here of
     the image smoothed by 1 px to reduce the sensor's noise.
     """
-    gx, gy = _gradient(_smoothed(image, _full_scale(image)))
-    return cv2.mean(cv2.magnitude(gx, gy), None if mask is None else mask.view(np.uint8))[0]
+    counts = np.ones(image.shape, dtype=np.uint8) if mask is None else mask.view(np.uint8)
+    full_scale, total = _full_scale(image), 0.0
+    for rows, lengths in in_strips(image, _DERIVATIVE_REACH_PX, lambda grey: _gradient_length(grey, full_scale)):
+        total += cv2.mean(lengths, counts[rows])[0] * cv2.countNonZero(counts[rows])
+    return total / max(cv2.countNonZero(counts), 1)
+
+
+def in_strips(
+    image: Grey, reach_px: int, compute: Callable[[Image], Array | Image]
+) -> Iterator[tuple[slice, Array | Image]]:
+    """Rows of an image, some at a time, and what is computed of them.
+
+    reach_px : of what ``compute`` makes of grey levels (rows, cols): values (rows, cols), each of the pixels around it
+    """
+    for top in range(0, len(image), _STRIP_PX):
+        first, end = max(0, top - reach_px), min(top + _STRIP_PX, len(image))
+        values = compute(image[first : end + reach_px].astype(np.float32))
+        yield slice(top, end), values[top - first : end - first]
 
 
 def saturation_level(image: Grey) -> float:
@@ -180,10 +198,15 @@ def _full_scale(image: Grey) -> float:
     return float(2**bits - 1)
 
 
-def _smoothed(image: Grey, full_scale: float) -> Image:
+def _smoothed(image: Grey | Image, full_scale: float) -> Image:
     """Grey levels 0 … 255, smoothed by 1 px. full_scale : the level that becomes 255"""
     grey = image.astype(np.float32) * np.float32(255.0 / full_scale)
     return np.asarray(cv2.GaussianBlur(grey, (0, 0), 1.0), dtype=np.float32)
+
+
+def _gradient_length(image: Image, full_scale: float) -> Array:
+    """Length of the gradient of the smoothed grey levels [grey levels of 255 per px]."""
+    return np.asarray(cv2.magnitude(*_gradient(_smoothed(image, full_scale))))
 
 
 def _gradient(image: Image) -> tuple[Image, Image]:

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
+from dicflow.core.photographs.noise import _DIFFERENCE_REACH_PX, _SLOPE_REACH_PX, _fourth_differences, _smooth_slope
 from dicflow.core.photographs.texture import (
+    in_strips,
     mean_intensity_gradient,
     saturated_share,
     speckle_size,
@@ -21,6 +23,28 @@ def test_gradient_of_a_ramp():
     mask = np.zeros(ramp.shape, dtype=bool)
     mask[10:40, 10:70] = True
     assert mean_intensity_gradient(ramp, mask) == pytest.approx(3.0, abs=1e-4)
+
+
+@pytest.mark.parametrize("rows", [7, 128, 129, 300])
+@pytest.mark.parametrize(
+    ("compute", "reach"), [(_smooth_slope, _SLOPE_REACH_PX), (_fourth_differences, _DIFFERENCE_REACH_PX)]
+)
+def test_strips_are_those_of_the_whole_image(compute, reach, rows):
+    image = np.random.default_rng(rows).integers(0, 256, (rows, 40)).astype(np.uint8)
+    parts = list(in_strips(image, reach, compute))
+    assert [index for part, _ in parts for index in range(rows)[part]] == list(range(rows))
+    assert np.array_equal(np.concatenate([values for _, values in parts]), compute(image.astype(np.float32)))
+
+
+def test_the_gradient_of_an_image_in_strips_is_that_over_all_rows():
+    image = np.random.default_rng(1).integers(0, 256, (300, 40)).astype(np.uint8)
+    image[128:256] //= 8
+    mask = np.zeros(image.shape, dtype=bool)
+    found = []
+    for rows in (slice(0, 100), slice(100, 300)):
+        mask[:], mask[rows] = False, True
+        found.append(mean_intensity_gradient(image, mask))
+    assert mean_intensity_gradient(image) == pytest.approx((found[0] + 2.0 * found[1]) / 3.0, rel=1e-6)
 
 
 def test_a_straight_edge_is_no_texture():

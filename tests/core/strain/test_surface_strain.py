@@ -11,9 +11,15 @@ from dicflow.core.strain.surface_strain import (
     tangent_basis,
     thesis_strain,
 )
+from dicflow.core.tensors import cross
 
 ROW, COL = np.mgrid[:30, :14].astype(float)
 X, Y = 0.5 * COL - 3.0, 0.5 * ROW - 7.0
+
+
+def test_vector_products_are_those_of_numpy():
+    first, second = np.random.default_rng(0).normal(size=(2, 4, 5, 3))
+    assert np.array_equal(cross(first, second), np.cross(first, second))
 
 
 def sheet(x=X, y=Y, z=500.0):

@@ -1,5 +1,6 @@
 """Slopes of polynomials as weighted sums of points: exact fields, textbook variances, gaps."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -95,6 +96,26 @@ def test_no_window_reaches_around_the_end_of_a_gap():
     below[4, 5:], below[5, 6] = True, True
     assert np.array_equal(used[4:], below[4:])
     assert used[:4].all()
+
+
+@pytest.mark.parametrize("window", [(9, 9), (5, 11), (11, 5)])
+def test_windows_hold_the_points_that_a_way_leads_to_ring_by_ring(window):
+    known = np.random.default_rng(3).random(SHAPE) < 0.45
+    known[20, 15] = known[1, 28] = True
+    for row, col in ((20, 15), (1, 28)):
+        ring = np.maximum(abs(ROW - row), abs(COL - col))
+        reached = ring == 0
+        for number in range(1, max(window) // 2 + 1):
+            before = (reached & (ring == number - 1)).astype(np.uint8)
+            reached |= (cv2.dilate(before, np.ones((3, 3), np.uint8)) > 0) & known & (ring == number)
+        reached &= (abs(ROW - row) <= window[0] // 2) & (abs(COL - col) <= window[1] // 2)
+        constant = np.array([[[1.0]]])
+        at, points = np.array([[row, col]]), windowed(weights=np.where(known, 1.0, 0.0))
+        used = np.zeros(SHAPE, dtype=bool)
+        offset = np.argwhere(points.functional_weights(at, window, constant)[0, 0] != 0.0)
+        corner = np.array([row - window[0] // 2, col - window[1] // 2])
+        used[tuple((offset + corner).T)] = True
+        assert np.array_equal(used, reached)
 
 
 def test_too_few_points_are_unknown():
