@@ -44,6 +44,7 @@ __all__ = [
     "own_template",
     "points_in_first_photograph",
     "target_spline",
+    "without_mixed_rim",
 ]
 
 
@@ -54,7 +55,8 @@ _MIN_POINTS_FOR_GAIN = 100
 _STRONG_BLUR_PX2 = 1.0
 """Variance of the blur of one photograph against the other from which it is the reason [px²]."""
 _MIXED_SIGMAS = 0.7
-"""Distance from a rim up to which pixels mix [standard deviations of a blur]: beyond, by less than 16 %."""
+"""Distance from a rim up to which pixels are left out [standard deviations of a blur]: those beyond mix by a quarter or
+less, and a half subset keeps enough of its pixels."""
 
 
 class Search(NamedTuple):
@@ -191,7 +193,7 @@ def correlate_points(
     image, target, damping = equally_sharp(
         own.grey, reference.region, target, places[known], warps[known], search.smoothing_px
     )
-    sharp = _without_rim(own if image is own.grey else _template(reference, image, search), damping.mixing)
+    sharp = without_mixed_rim(own if image is own.grey else _template(reference, image, search), damping.mixing)
     field = _correlated(sharp, target, places, warps, search)
     return CorrelatedField(sharp, target, centres, field, damping, _gain(sharp, target, places, field))
 
@@ -210,7 +212,7 @@ def _template(reference: ReferencePhotograph, image: Image, search: Search) -> T
     return template(spline(image, search.degree, reference.image.measured), reference.region, search.threads)
 
 
-def _without_rim(own: Template, mixing: float) -> Template:
+def without_mixed_rim(own: Template, mixing: float) -> Template:
     """A template without the pixels at rims of the region where a blur mixes the material with what lies beyond.
 
     mixing : standard deviation of the blur [px]

@@ -51,11 +51,11 @@ def scatter_over_stated(
     independent = max(1.0, len(at) * (subsets.step / subsets.size) ** 2)
     limit = np.hypot(_NEGLIGIBLE, _STANDARD_ERRORS * _RELATIVE_ERROR / np.sqrt(independent))
     some = np.ascontiguousarray(at[:: 1 + len(at) // _POINTS])
-    usual, larger = _ratios(surface, some, _odd_side(subsets, _SIDE, _LEAST_SIDE), _DEGREE) ** 2
-    square = np.where(usual < 1.0, np.clip(larger, usual, 1.0), usual)
-    if (square > (1.0 + limit) ** 2).any():
-        small = _ratios(surface, some, _odd_side(subsets, _SMALL_SIDE, _SMALL_LEAST_SIDE), _SMALL_DEGREE)[0] ** 2
-        square = np.where(square > 1.0, np.clip(small, 1.0, square), square)
+    small = _ratios(surface, some, _odd_side(subsets, _SMALL_SIDE, _SMALL_LEAST_SIDE), _SMALL_DEGREE)[0]
+    if (small <= 1.0 + limit).all() and misfit_share <= limit:
+        return np.ones(3)
+    usual, larger = _ratios(surface, some, _odd_side(subsets, _SIDE, _LEAST_SIDE), _DEGREE)
+    square = np.where(usual < 1.0, np.clip(larger, usual, 1.0), np.clip(small, 1.0, usual)) ** 2
     if bias is not None:
         square = np.where(square > 1.0, np.maximum(square - _share_of_bias(surface, some, bias), 1.0), square)
     square = np.maximum(square, 1.0 - misfit_share)

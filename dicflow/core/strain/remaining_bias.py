@@ -254,16 +254,18 @@ def _changes(surface: MeasuredSurface, at: Index, fit: WindowFit, own: Array) ->
         yield points.functional_weights(at, fit.pilot, errors), np.ones(len(at))
     if fit.degree >= CUBIC:
         weights = points.slope_weights(at, fit.pilot, fit.degree) - widened(own, fit.pilot)
-        yield weights, _share_of_bias(surface, at, fit)
+        yield weights, _share_of_bias(own, fit)
 
 
-def _share_of_bias(surface: MeasuredSurface, at: Index, fit: WindowFit) -> Array:
+def _share_of_bias(own: Array, fit: WindowFit) -> Array:
     """Shares (n,) of the bias in the change from the fit to one of its degree in the pilot's window.
 
     The bias grows with the power d of the side, or, of odd degrees d in windows without gaps, with the power d + 1.
+
+    own : (n, 2, high, wide) — weights of the fit's slopes, of which the centre's may be 0
     """
     ratio = np.sqrt(np.prod(fit.pilot) / np.prod(fit.window))
-    whole = ~_with_gaps(surface, fit.window)[tuple(at.T)]
+    whole = np.count_nonzero(own[:, 0].astype(bool) | own[:, 1].astype(bool), axis=(1, 2)) >= np.prod(fit.window) - 1
     return np.asarray(1.0 / (ratio ** (fit.degree + whole * (fit.degree % 2)) - 1.0))
 
 

@@ -37,6 +37,8 @@ _DEPTH, _WIDTH = 1.6, 0.7
 _DEGREE, _MIN_POINTS_PER_TERM, _MAX_CONDITION = 3, 1.5, 1e7
 _DOUBTFUL = 4.0
 """Significance above which the errors of all points of a window count one by one."""
+_SAMPLES = 500
+"""Points whose jumps tell the scatter, at most."""
 _NORMAL_MEDIANS = (1.0, 0.6745, 1.1774, 1.5382)
 """Median lengths of vectors of 1, 2 and 3 independent normal variables, in standard deviations; 1 of none."""
 
@@ -98,16 +100,18 @@ class _Fit(NamedTuple):
     @property
     def weights(self) -> Array:
         """Weights (side, side) of the points in J where all of them are known."""
-        return self._in_jump(self.terms)
+        in_jump = np.asarray(np.linalg.pinv(self.terms.T), dtype=np.float64)[:1]
+        return np.asarray(self.on_square(in_jump)[0])
 
     @property
     def weights_beside_steep(self) -> Array:
-        """The same of a fit that has the steep term too."""
-        return self._in_jump(np.vstack([self.terms, self.steep]))
+        """Those (1, n) of the points that count, in a fit that has the steep term too."""
+        return np.asarray(np.linalg.pinv(np.vstack([self.terms, self.steep]).T), dtype=np.float64)[:1]
 
-    def _in_jump(self, terms: Array) -> Array:
-        in_jump = np.asarray(np.linalg.pinv(terms.T), dtype=np.float64)[:1]
-        return np.asarray(self.on_square(in_jump)[0])
+    def beside_steep(self, values: Array, at: Index) -> Array:
+        """J (k, 3) of a field (row, col, 3) by that fit at rows and columns (k, 2)."""
+        weights = self.weights_beside_steep[0]
+        return np.stack([self.around(field, at) @ weights for field in np.moveaxis(values, -1, 0)], axis=-1)
 
     def on_square(self, values: Array) -> Array:
         """Values (k, n) of the points that count as squares (k, side, side), 0 elsewhere."""
@@ -145,9 +149,8 @@ def jumps_at_points(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets
         complete = (_summed(whole, square) > len(fit.places) - 0.5) & surface.known
         at, jump = places_of(complete), _summed(values, fit.weights)[complete]
         if len(at):
-            beside_steep = _summed(values, fit.weights_beside_steep)[complete]
-            ratios.append(_scatter_over_stated(errors, at, beside_steep, fit.weights_beside_steep))
-            _take(best, at, *_in_whole_windows(points, errors, at, (jump, beside_steep), fit), fit.number)
+            ratios.append(_scatter_over_stated(values, errors, at[:: 1 + len(at) // _SAMPLES], fit))
+            _take(best, at, *_in_whole_windows(points, errors, at, jump, fit), fit.number)
         at = places_of(near & ~complete)
         if len(at):
             _take(best, *_by_some_points(points, errors, at, fit), fit.number)
@@ -198,22 +201,21 @@ def _summed(values: Array, weights: Array) -> Array:
 
 
 def _in_whole_windows(
-    points: WindowedPoints, errors: list[ErrorShare], at: Index, jumps: tuple[Array, Array], fit: _Fit
+    points: WindowedPoints, errors: list[ErrorShare], at: Index, jump: Array, fit: _Fit
 ) -> tuple[Array, Array]:
     """Jumps (n, 3) at rows and columns (n, 2), around which no point is missing, and their significance (n,).
 
-    jumps : (n, 3) each — by the fit, and by that with the steep term
+    jump : (n, 3) — without the steep term
     """
-    jump, beside_steep = jumps
     significance = _in_standard_deviations(jump, _typical_covariance(errors, at, fit.weights))
     doubtful = np.flatnonzero(significance > _DOUBTFUL)
     if len(doubtful):
         here = np.ascontiguousarray(at[doubtful])
         weights = np.broadcast_to(fit.weights, (len(here), 1, *fit.weights.shape))
         covariance = _covariance(points, errors, here, np.ascontiguousarray(weights))
-        both = [_in_standard_deviations(one[doubtful], covariance) for one in (jump, beside_steep)]
-        significance[doubtful] = np.minimum(*both)
-        jump[doubtful] = 0.5 * (jump + beside_steep)[doubtful]
+        both = jump[doubtful], fit.beside_steep(points.values[..., :3] - points.values[..., 3:], here)
+        significance[doubtful] = np.minimum(*(_in_standard_deviations(one, covariance) for one in both))
+        jump[doubtful] = np.mean(both, axis=0)
     return jump, significance
 
 
@@ -223,11 +225,12 @@ def _typical_covariance(errors: list[ErrorShare], at: Index, weights: Array) -> 
     return np.asarray(np.sum([one.rho.variance(weights) * one.covariance[rows, cols] for one in errors], axis=0))
 
 
-def _scatter_over_stated(errors: list[ErrorShare], at: Index, jump: Array, weights: Array) -> float:
-    """Ratio of the scatter of jumps (n, 3) at rows and columns (n, 2), n > 0, to their standard deviation."""
-    covariance = _typical_covariance(errors, at, weights)
+def _scatter_over_stated(values: Array, errors: list[ErrorShare], at: Index, fit: _Fit) -> float:
+    """Ratio of the scatter of jumps in values (row, col, 3) at rows and columns (n, 2), n > 0, to what is stated."""
+    covariance = _typical_covariance(errors, at, fit.on_square(fit.weights_beside_steep)[0])
     axes = int((np.diagonal(covariance, axis1=1, axis2=2) > 0.0).any(axis=0).sum())
-    return float(np.median(_in_standard_deviations(jump, covariance))) / _NORMAL_MEDIANS[axes]
+    scaled = _in_standard_deviations(fit.beside_steep(values, at), covariance)
+    return float(np.median(scaled)) / _NORMAL_MEDIANS[axes]
 
 
 def _covariance(points: WindowedPoints, errors: list[ErrorShare], at: Index, weights: Array) -> Array:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dicflow.core.correlation.residuals import residuals
+from dicflow.core.correlation.search import without_mixed_rim
 from dicflow.core.correlation.subsets import Subset, correlate
 from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import identity
@@ -78,3 +79,16 @@ def test_where_all_pixels_are_measured_a_mask_changes_no_bit():
     masked = correlate(template(first, everywhere), second, CENTRE, identity(CENTRE), Subset(25))
     for one, other in zip(plain, masked, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize(("blur", "width"), [(0.0, 0), (0.6, 0), (1.5, 1), (3.0, 2), (4.5, 3)])
+def test_pixels_at_a_rim_that_a_blur_mixes_do_not_count(blur, width):
+    """Seven tenths of its standard deviation; the subset stays part of the same region."""
+    photograph, region = spline(pair()[0]), region_with_gap(slice(50, None))
+    whole = template(photograph, region)
+    inner = without_mixed_rim(whole, blur)
+    found = residuals(inner, photograph, CENTRE.astype(np.int64), identity(CENTRE), Subset(21))
+    rows = (found.weight.reshape(21, 21) > 0.0).all(axis=1)  # 30 to 50
+    assert rows.tolist() == [True] * (20 - width) + [False] * (1 + width)
+    np.testing.assert_array_equal(inner.region, region)
+    assert (inner is whole) == (width == 0)
