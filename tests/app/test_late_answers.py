@@ -208,12 +208,14 @@ def test_the_photograph_is_that_of_the_pair_that_was_chosen_last(sample_result):
         names = page.locator(".pair-name")
         names.first.wait_for()
         shown = "document.querySelector('.viewer').viewer.photograph.key"
+        someone.until(shown)
+        first = page.evaluate(shown)
         with held_back(page, "photograph") as held:
             names.nth(1).click()
             held.until(lambda one: one.kept)
             names.nth(2).click()
             held.until(lambda one: one.answered == 1)
-            page.evaluate(SETTLED)
+            someone.until(f"{shown} !== '{first}'")
             before = page.evaluate(shown)
             held.give()
             assert page.evaluate(shown) == before

@@ -27,7 +27,7 @@ from dicflow.start.choice import Choice
 from dicflow.start.folder import look
 from tests.io.calibration_files import made_rig, matchid
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("boards_recognised_once")]
 
 SIZE = (420, 320)
 STEPS, BOARDS = 3, 4
