@@ -179,7 +179,7 @@ def local_polynomial(
         count,
         margin * len(powers),
         _of_whole_window(window, degree, kernel),
-        window[0] * window[1] if weights is None and min(window) > degree else np.inf,
+        float(window[0] * window[1]) if weights is None and min(window) > degree else np.inf,
     )
     half = (np.array(window) + 1.0) / 2.0
     middle = _kernel_weights(window[0], kernel).max() * _kernel_weights(window[1], kernel).max()
