@@ -5,15 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from dicflow.kinds.quantities import BASIC
-from dicflow.kinds.total import named_with_unit
+from dicflow.kinds.kind import summary_of
+from dicflow.kinds.quantities import BASIC, figure_in_words
+from dicflow.kinds.total import Total, named_with_unit
 
 if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.uncertainty.covariance import MeasuredPoints
 
-__all__ = ["beyond_noise", "combined", "consistent_status", "degrees", "displacements", "median_errors", "shares"]
+__all__ = [
+    "beyond_noise",
+    "combined",
+    "consistent_status",
+    "degrees",
+    "displacements",
+    "figures_sentence",
+    "median_errors",
+    "shares",
+]
 
 
 def displacements(before: MeasuredPoints, after: MeasuredPoints, covariance: np.ndarray) -> dict[str, np.ndarray]:
@@ -91,3 +101,26 @@ def median_errors(fields: Mapping[str, np.ndarray], unit: str) -> dict[str, floa
             if known.size:
                 found[f"{prefix}{named_with_unit(name, unit)}"] = float(np.median(known))
     return found
+
+
+def _smaller(total: Total) -> str:
+    """The gauge where the window is smaller, and at how many points that is; empty without any."""
+    from dicflow.core.strain.gauge import vsg_px
+
+    side, shares = total.window_points[0], total.window_shares
+    others = [(int(points), share) for points, share in shares.items() if int(points) < side]
+    said = [f"{vsg_px(n, total.step_size, total.subset_size):g} px at {share:.1%} of the points" for n, share in others]
+    return "".join(f", {words}" for words in said)
+
+
+def figures_sentence(total: Total) -> str:
+    """The gauge, and the uncertainties at a step, as sentences of a methods paragraph."""
+    gauge, summary = total.gauge, summary_of(total.product)
+    text = "" if gauge is None else f" The virtual strain gauge measures {gauge.size} [idics2018]{_smaller(total)}."
+    names = {name: named_with_unit(name, total.unit) for name in BASIC}
+    known = {name: summary.get(f"u_{named}") for name, named in names.items()}
+    figures = [figure_in_words(name, value, total.unit) for name, value in known.items() if value is not None]
+    if not figures:
+        return text
+    said = ", ".join(figures)
+    return f"{text} The median standard uncertainties, by image noise and remaining bias, were {said} at the last step."

@@ -13,14 +13,11 @@ from dicflow.engine.product import Product
 from dicflow.engine.share import free_threads
 from dicflow.errors import ConfigurationError, StageError
 from dicflow.kinds.frame import ResultFrame
-from dicflow.kinds.kind import summary_of
 from dicflow.kinds.points import Points
 from dicflow.kinds.quantities import (
-    BASIC,
     MEASURES,
     QUANTITIES,
     Quantity,
-    figure_in_words,
     further_quantity,
     gradient_functions,
     strain_function,
@@ -35,7 +32,6 @@ from dicflow.kinds.total import (
     TotalFacts,
     field_means,
     frames_to_json,
-    named_with_unit,
     rigid_motion_to_json,
 )
 from dicflow.stages._deformed import (
@@ -44,6 +40,7 @@ from dicflow.stages._deformed import (
     consistent_status,
     degrees,
     displacements,
+    figures_sentence,
     median_errors,
     shares,
 )
@@ -384,27 +381,4 @@ def sentence(stage: Deformation, product: Product | None) -> str:
     )
     if stage.rigid:
         text += " The rigid-body motion was removed from the displacement [kabsch1976]."
-    return text if product is None else text + _figures_sentence(Total.read(product))
-
-
-def _smaller(total: Total) -> str:
-    """The gauge where the window is smaller, and at how many points that is; empty without any."""
-    from dicflow.core.strain.gauge import vsg_px
-
-    side, shares = total.window_points[0], total.window_shares
-    others = [(int(points), share) for points, share in shares.items() if int(points) < side]
-    said = [f"{vsg_px(n, total.step_size, total.subset_size):g} px at {share:.1%} of the points" for n, share in others]
-    return "".join(f", {words}" for words in said)
-
-
-def _figures_sentence(total: Total) -> str:
-    """The gauge, and the uncertainties at a step."""
-    gauge, summary = total.gauge, summary_of(total.product)
-    text = "" if gauge is None else f" The virtual strain gauge measures {gauge.size} [idics2018]{_smaller(total)}."
-    names = {name: named_with_unit(name, total.unit) for name in BASIC}
-    known = {name: summary.get(f"u_{named}") for name, named in names.items()}
-    figures = [figure_in_words(name, value, total.unit) for name, value in known.items() if value is not None]
-    if not figures:
-        return text
-    said = ", ".join(figures)
-    return f"{text} The median standard uncertainties, by image noise and remaining bias, were {said} at the last step."
+    return text if product is None else text + figures_sentence(Total.read(product))

@@ -6,8 +6,8 @@ fit to the displacements around a point: a polynomial of degree 3, which follows
 four directions. It is a weighted sum of points, so that its covariance is known.
 
 Steep motion that is smooth may look like a jump. A term of degree 5 across the line follows it, and leaves of a jump
-what it was: the smaller J of both fits counts. The scatter of J over all points, most of which have no jump, tells how
-large its standard deviation is; jumps are significant beside that.
+what it was: where J is large, its significance is the smaller one of both fits, and J their mean. The scatter of J over
+all points, most of which have no jump, tells how large its standard deviation is; jumps are significant beside that.
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ def _in_whole_windows(
 ) -> tuple[Array, Array]:
     """Jumps (n, 3) at rows and columns (n, 2), around which no point is missing, and their significance (n,).
 
-    jump : (n, 3) — without the steep term
+    jump : (n, 3) — without the steep term; changed where both fits count
     """
     significance = _in_standard_deviations(jump, _typical_covariance(errors, at, fit.weights))
     doubtful = np.flatnonzero(significance > _DOUBTFUL)
