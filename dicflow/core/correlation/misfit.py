@@ -19,13 +19,13 @@ residuals, and its sum over the subset, the shift that it makes, is counted inst
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.fft import irfft2, rfft2
 
-from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.arrays import Array, Image, Index, Mask
 from dicflow.core.correlation.residuals import Residuals, residuals
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.template import Template
@@ -138,34 +138,35 @@ def place_covariances(
 def _inside(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> PlaceCovariances:
     """The same for subsets that lie in the template and were found."""
     fit = residuals(reference, target, centres, warp, subset)
-    f, residual, weight = (part.astype(np.float64) for part in (fit.f, fit.residual, fit.weight))
+    f, weight = fit.f, fit.weight
     jacobian = _jacobian(fit, subset.size)
     for brightness in (np.ones_like(f), f):
         part = _weighted_mean(jacobian * brightness, weight) / _weighted_mean(brightness * brightness, weight)
-        jacobian = jacobian - part[..., None] * brightness
-    return _by_autocorrelation(jacobian, f, weight, residual, _second_derivatives(fit, subset.size))
+        jacobian -= part[..., None] * brightness
+    return _by_autocorrelation(jacobian, f, weight, fit.residual, _second_derivatives(fit, subset.size))
 
 
-def _second_derivatives(fit: Residuals, size: int) -> Array:
+def _second_derivatives(fit: Residuals, size: int) -> Image:
     """Second derivatives of the grey levels, (n, 3, pixel)."""
-    by_x, by_y = (part.reshape(-1, size, size).astype(np.float64) for part in (fit.by_x, fit.by_y))
+    by_x, by_y = (part.reshape(-1, size, size) for part in (fit.by_x, fit.by_y))
     terms = np.stack([np.gradient(by_x, axis=2), np.gradient(by_x, axis=1), np.gradient(by_y, axis=1)], axis=1)
     return np.asarray(terms.reshape(len(by_x), 3, -1))
 
 
-def _weighted_mean(values: Array, weight: Array) -> Array:
+def _weighted_mean(values: Image, weight: Image) -> Image:
     """Weighted means over pixels, (..., n) of (..., n, pixel)."""
     return np.asarray((values * weight).sum(axis=-1) / np.maximum(weight.sum(axis=-1), 1e-12))
 
 
-def _jacobian(fit: Residuals, size: int) -> Array:
+def _jacobian(fit: Residuals, size: int) -> Image:
     """Derivatives (term, n, pixel) of the grey levels by the coefficients of the warp, of x before those of y."""
-    eta, xi = (np.mgrid[:size, :size].reshape(2, -1) - size // 2) / (size // 2)
+    offset = (np.mgrid[:size, :size].reshape(2, -1) - size // 2) / (size // 2)
+    eta, xi = offset.astype(np.float32)
     monomials = [np.ones_like(xi), xi, eta, xi * xi, xi * eta, eta * eta][: fit.terms]
     return np.asarray(np.stack([slope * part for slope in (fit.by_x, fit.by_y) for part in monomials]))
 
 
-def _by_autocorrelation(jacobian: Array, f: Array, weight: Array, residual: Array, blur: Array) -> PlaceCovariances:
+def _by_autocorrelation(jacobian: Image, f: Image, weight: Image, residual: Image, blur: Image) -> PlaceCovariances:
     """The covariances by the autocorrelation of the residuals.
 
     jacobian : (term, n, pixel); f, weight, residual : (n, pixel)
@@ -174,13 +175,13 @@ def _by_autocorrelation(jacobian: Array, f: Array, weight: Array, residual: Arra
     terms = len(jacobian)
     by_point = np.moveaxis(jacobian, 0, 1)
     weighted = by_point * weight[:, None]
-    inverse = np.asarray(np.linalg.pinv(weighted @ np.swapaxes(by_point, -1, -2), hermitian=True), dtype=np.float64)
+    inverse = _inverse(weighted @ np.swapaxes(by_point, -1, -2))
     kernel = np.asarray(inverse[:, [0, terms // 2]] @ weighted)
     noise = kernel @ np.swapaxes(kernel, -1, -2)
     left = blur - (blur @ np.swapaxes(weighted, -1, -2)) @ inverse @ by_point
     factors = _gain(left, weight) @ residual[..., None]
     shift = kernel @ np.swapaxes(blur, -1, -2) @ factors
-    residual = residual - (np.swapaxes(factors, -1, -2) @ left)[:, 0]
+    residual = residual - np.float32((np.swapaxes(factors, -1, -2) @ left)[:, 0])
     some = slice(None, None, _KERNEL_STRIDE)
     all_terms = np.concatenate([by_point, np.ones_like(f)[:, None], f[:, None]], axis=1)[some]
     fitted = _fitted_share(all_terms, _gain(all_terms, weight[some]))
@@ -204,10 +205,15 @@ def _windows(size: int) -> Array:
     return np.asarray(np.einsum("ia,jb->ijab", band, band).reshape(size**2, _WINDOWS**2))
 
 
-def _gain(left: Array, weight: Array) -> Array:
+def _gain(left: Array | Image, weight: Image) -> Image:
     """Weights (n, k, pixel) of residuals in the factors of terms (n, k, pixel) that explain them best."""
     weighted = left * weight[:, None]
-    return np.asarray(np.linalg.pinv(weighted @ np.swapaxes(left, -1, -2), hermitian=True) @ weighted)
+    return np.asarray(_inverse(weighted @ np.swapaxes(left, -1, -2)) @ weighted)
+
+
+def _inverse(matrices: Array | Image) -> Image:
+    """Pseudoinverses (n, k, k) of symmetric matrices."""
+    return np.asarray(np.linalg.pinv(matrices.astype(np.float64), hermitian=True), dtype=np.float32)
 
 
 def _in_units(covariance: Array, noise: Array) -> Array:
@@ -216,7 +222,7 @@ def _in_units(covariance: Array, noise: Array) -> Array:
     return np.asarray(covariance / np.maximum(scale[:, :, None] * scale[:, None], 1e-300))
 
 
-def _spectrum(residual: Array, weight: Array, fitted: Array) -> Array:
+def _spectrum(residual: Image, weight: Image, fitted: Image) -> Array:
     """Power spectrum of residuals (n, pixel) before anything was fitted, the mean of all of them.
 
     fitted : share of the power that was taken, at each frequency
@@ -230,7 +236,7 @@ def _spectrum(residual: Array, weight: Array, fitted: Array) -> Array:
     return np.asarray(rfft2(mean).real)
 
 
-def _fitted_share(by_point: Array, gain: Array) -> Array:
+def _fitted_share(by_point: Image, gain: Image) -> Image:
     """Share of the power of white noise that a fit takes, at each frequency.
 
     by_point : (n, term, pixel) — J; gain : (n, term, pixel) — A, of which the coefficients are sums over the noise
@@ -238,34 +244,45 @@ def _fitted_share(by_point: Array, gain: Array) -> Array:
     Of noise n the fit leaves n − Jᵀ A n, the power of which lacks 2 Re Ĵᵀ Â* − Ĵᵀ (A Aᵀ) Ĵ*.
     """
     slopes, gains = _transform(by_point), _transform(gain)
-    both = np.einsum("nst,ntij->nsij", gain @ np.swapaxes(gain, -1, -2), slopes)
-    taken = (slopes * (2.0 * gains - both).conj()).real.sum(axis=1).mean(axis=0)
-    return np.asarray(np.clip(taken / by_point.shape[-1], 0.0, _MAX_TAKEN))
+    across = gain @ np.swapaxes(gain, -1, -2)
+    both = (across @ slopes.reshape(*slopes.shape[:2], -1)).reshape(slopes.shape)
+    taken = (slopes * (2.0 * gains - both)).sum(axis=1).mean(axis=0)
+    return np.asarray(np.clip((taken[..., 0] + taken[..., 1]) / by_point.shape[-1], 0.0, _MAX_TAKEN))
 
 
-def _power(values: Array | Mask) -> Array:
+def _power(values: Array | Image | Mask) -> Image:
     """Power spectra (..., row, col) of squares of pixels (..., pixel), amid zeros as wide as they are."""
-    return np.asarray(np.abs(_transform(values)) ** 2)
+    real, imaginary = np.moveaxis(_transform(values), -1, 0)
+    return np.asarray(real * real + imaginary * imaginary)
 
 
-def _transform(values: Array | Mask) -> Any:
-    """Fourier transforms (..., row, col) of squares of pixels (..., pixel), amid zeros as wide as they are."""
+def _transform(values: Array | Image | Mask) -> Image:
+    """Fourier transforms (..., row, col, 2), real and imaginary parts, of squares of pixels (..., pixel), amid zeros as
+    wide as they are; without the columns that mirror others.
+    """
     size = int(np.sqrt(values.shape[-1]))
     side = 2 * cv2.getOptimalDFTSize(size)
-    return rfft2(values.reshape(*values.shape[:-1], size, size).astype(np.float32), s=(side, side))
+    square, half = np.zeros((side, side), dtype=np.float32), side // 2 + 1
+    waves = np.empty((values.size // size**2, side, half, 2), dtype=np.float32)
+    squares = np.asarray(values, dtype=np.float32).reshape(-1, size, size)
+    for wave, pixels in zip(waves, squares, strict=True):
+        square[:size, :size] = pixels
+        wave[...] = cv2.dft(square, flags=cv2.DFT_COMPLEX_OUTPUT, nonzeroRows=size)[:, :half]
+    return waves.reshape(*values.shape[:-1], side, half, 2)
 
 
-def _covariance(kernel: Array, spectrum: Array) -> Array:
+def _covariance(kernel: Image, spectrum: Array) -> Array:
     """Covariances (n, 2, 2) of sums with weights (n, 2, pixel) of values with a power spectrum."""
     waves = _transform(kernel)
     twice = np.full(spectrum.shape[-1], 2.0)
     twice[[0, -1]] = 1.0
-    products = np.einsum("naij,nbij,ij->nab", waves, waves.conj(), spectrum * twice).real
+    weighted = waves * (spectrum * twice)[..., None]
+    products = np.einsum("naijk,nbijk->nab", waves, weighted)
     return np.asarray(products / len(spectrum) ** 2)
 
 
 def _fit_loss(
-    kernel: Array, by_point: Array, weighted: Array, inverse: Array, windows: Array, spectrum: Array
+    kernel: Image, by_point: Image, weighted: Image, inverse: Image, windows: Array, spectrum: Array
 ) -> Array:
     """Variances (2,) by residuals over the mean of their sandwich estimate: a warp was fitted, and windows are small.
 
@@ -278,7 +295,7 @@ def _fit_loss(
     return np.asarray(np.clip(total / np.maximum(kept, 1e-12), 1.0, _MAX_LOSS))
 
 
-def _variance(weights: Array, spectrum: Array) -> Array:
+def _variance(weights: Array | Image, spectrum: Array) -> Array:
     """Variance (...) of sums with weights (..., pixel) of values with an autocorrelation, given by its spectrum."""
     power = _power(weights) * spectrum
     ends = power[..., [0, -1]].sum(axis=(-1, -2))
