@@ -27,7 +27,7 @@ from dicflow.core.correlation.points import (
     with_terms,
 )
 from dicflow.core.correlation.search import UNEXPLAINED, Search, find_points
-from dicflow.core.correlation.seed import ACCEPTED_CORRELATION, BLUR_PX, window_correlation, window_correlations
+from dicflow.core.correlation.seed import ACCEPTED_CORRELATION, window_correlation, window_correlations
 from dicflow.core.correlation.warp import TERMS
 from dicflow.core.parts import Parts
 from dicflow.core.photographs.interpolate import Spline
@@ -140,8 +140,7 @@ def starts_agree(left: Grey, right: Grey, centres: Array, starts: Array) -> bool
     known = in_grid & np.isfinite(starts).all(axis=(-2, -1))
     if known.sum() <= _MIN_SHARE_WITH_START * in_grid.sum():
         return False
-    smooth_left, smooth_right = (cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR_PX) for image in (left, right))
-    return window_correlation(smooth_left, smooth_right, centres[known], starts[known]) >= ACCEPTED_CORRELATION
+    return window_correlation(left, right, centres[known], starts[known]) >= ACCEPTED_CORRELATION
 
 
 def contrast(image: Grey, places: Array) -> float:
@@ -184,7 +183,6 @@ def why_lost(found: FoundPoints, points: Array, left: Grey, right: Grey, parts: 
     Hidden are points in whose place the right photograph shows something else.
     """
     status = found.status.copy()
-    smooth = [cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR_PX) for image in (left, right)]
     for part in part_masks(points, parts):
         lost = part & np.isin(found.status, (*UNEXPLAINED, Status.BLURRED))
         if not lost.any():
@@ -193,7 +191,7 @@ def why_lost(found: FoundPoints, points: Array, left: Grey, right: Grey, parts: 
         with np.errstate(invalid="ignore"):
             inside = ((motion[..., 0] >= 0.0) & (motion[..., 0] <= np.array(right.shape[::-1]) - 1.0)).all(axis=1)
         known = np.isfinite(motion[:, 0, 0])
-        shown = np.nan_to_num(window_correlations(smooth[0], smooth[1], points[lost], motion)) >= _SHOWN_CORRELATION
+        shown = np.nan_to_num(window_correlations(left, right, points[lost], motion)) >= _SHOWN_CORRELATION
         why = np.where(np.isin(status[lost], _KNOWN_REASONS), status[lost], np.uint8(Status.NO_MATCH))
         why[known & ~shown] = Status.HIDDEN
         why[known & ~inside] = Status.OUTSIDE

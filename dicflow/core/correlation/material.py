@@ -147,9 +147,8 @@ def _starting_warps(
             continue
         in_crop = None if matches is None or number else Pairs(matches.source - reference.origin, matches.target)
         places = reference.points - reference.origin
-        motion = seed_warps(
-            reference.image.grey, image, places, in_crop, search.parts, search.reach_px, reference.origin
-        )
+        views, settings = (reference.image.grey, image), (search.parts, search.reach_px)
+        motion = seed_warps(*views, places, in_crop, *settings, reference.origin, search.threads)
         starts = chained(reference.warp[..., :3], motion, reference.points)
         if np.isfinite(starts[..., 0, 0]).any():
             break

@@ -52,6 +52,8 @@ UNEXPLAINED = (Status.UNTRACKED, Status.NOT_CONVERGED, Status.LOW_CORRELATION)
 """Codes of lost points for which the search knows no reason."""
 _MIN_POINTS_FOR_GAIN = 100
 """With fewer, the contrast of both photographs counts as equal."""
+_MOST_POINTS_FOR_NOISE = 20_000
+"""More do not make the noise more certain."""
 _STRONG_BLUR_PX2 = 1.0
 """Variance of the blur of one photograph against the other from which it is the reason [px²]."""
 _MIXED_SIGMAS = 0.7
@@ -146,16 +148,17 @@ class CorrelatedField(NamedTuple):
 
 def noise_of_residual(correlation: CorrelatedField, degree: int, side: int) -> tuple[Array, Array, Array]:
     """Points found (n, 2), their places in the target (n, 2) [px], and the variance of the noise of one photograph as
-    the residual of their subsets has it (n,) [grey levels²].
+    the residual of their subsets has it (n,) [grey levels²]; of many points, evenly chosen ones.
 
     degree : of the spline; side : of the subsets [px]
     """
     field, damping = correlation.field, correlation.damping
-    valid = field.status == Status.VALID
-    warp = field.warp[valid]
+    valid = np.flatnonzero(field.status == Status.VALID)
+    chosen = np.unravel_index(valid[:: 1 + len(valid) // _MOST_POINTS_FOR_NOISE], field.status.shape)
+    warp = field.warp[chosen]
     of_target = correlation.gain * damping.target_grey * interpolated_variance(degree, warp, side)
-    variance = residual_variance(field)[valid] / (damping.template_grey + of_target)
-    return correlation.centres[valid], warp[..., 0], variance
+    variance = residual_variance(field)[chosen] / (damping.template_grey + of_target)
+    return correlation.centres[chosen], warp[..., 0], variance
 
 
 def find_points(

@@ -33,8 +33,10 @@ SAMPLED_POINTS = 150
 """Points of a part whose grey levels are compared."""
 HALF_WINDOW_PX = 15
 """Half the side of the windows that are compared [px]."""
-BLUR_PX = 1.5
-"""Smoothing before the comparison, so that a start a pixel or two away still correlates [px]."""
+BLUR_PX, BLUR_REACH_PX = 1.5, 6
+"""Smoothing before the comparison, so that a start a pixel or two away still correlates, and its reach [px]."""
+WINDOWS_AT_ONCE = 256
+"""Windows compared at once, which bounds the memory."""
 ACCEPTED_CORRELATION, MIN_CORRELATION = 0.6, 0.3
 """Median correlation of those windows at which no further source is tried, and the least for any."""
 MIN_SEARCHED_SHARE = 0.1
@@ -51,6 +53,7 @@ def seed_warps(
     parts: Parts | None = None,
     reach_px: float = np.inf,
     origin: tuple[int, int] = (0, 0),
+    threads: int = 1,
 ) -> Array:
     """Affine warps of the subsets around points of a grid, to start correlation from.
 
@@ -67,18 +70,17 @@ def seed_warps(
     numbered = islands(np.asarray(np.isfinite(points).all(axis=-1)), parts)
     features = FeatureSearch(reference, target, points) if numbered.any() else ()
     images = np.asarray(reference, dtype=np.float32), np.asarray(target, dtype=np.float32)
-    blurred = cv2.GaussianBlur(images[0], (0, 0), BLUR_PX), cv2.GaussianBlur(images[1], (0, 0), BLUR_PX)
     for island in range(1, numbered.max(initial=0) + 1):
         in_part = numbered == island
         best = MIN_CORRELATION
         repeats = np.isfinite(reach_px)
         guesses = (
-            [_nearby_warps(*blurred, points[in_part], reach_px, origin)]
+            [_nearby_warps(*images, points[in_part], reach_px, origin)]
             if repeats
-            else _candidate_warps(*images, points, in_part, matches, features, origin)
+            else _candidate_warps(*images, points, in_part, matches, features, origin, threads)
         )
         for guess in guesses:
-            score = window_correlation(*blurred, points[in_part], guess)
+            score = window_correlation(*images, points[in_part], guess)
             if score > best:
                 best, warps[in_part] = score, guess
             if best >= ACCEPTED_CORRELATION:
@@ -94,6 +96,7 @@ def _candidate_warps(
     matches: Pairs | None,
     features: Iterable[Pairs],
     origin: tuple[int, int],
+    threads: int,
 ) -> Iterator[Array]:
     """Warps (n, 2, 3) of the points of one part, from one source after the other."""
     centres = points[in_part]
@@ -101,8 +104,9 @@ def _candidate_warps(
         yield _warps_from_pairs(_pairs_of_part(matches, points, in_part), centres)
     yield identity(centres + origin)
     footprint = _footprint(points, in_part, reference.shape)
-    yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint)), centres)
-    yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint, separate_windows=True)), centres)
+    yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint, threads=threads)), centres)
+    separately = fft_matches(reference, target, footprint, separate_windows=True, threads=threads)
+    yield _warps_from_pairs(Pairs(*separately), centres)
     thorough = in_part.sum() >= MIN_SEARCHED_SHARE * np.isfinite(points[..., 0]).sum()
     for found in features if thorough else islice(features, 1):
         yield _warps_from_pairs(_pairs_of_part(found, points, in_part), centres)
@@ -117,6 +121,7 @@ def _square(image: Grey, centre: tuple[int, int], half: int) -> Grey | None:
 
 def _nearby_warps(reference: Grey, target: Grey, centres: Array, reach_px: float, origin: tuple[int, int]) -> Array:
     """Warps (n, 2, 3) of subsets at centres (n, 2) by the best motions of at most ``reach_px`` of windows there."""
+    reference, target = (np.asarray(cv2.GaussianBlur(image, (0, 0), BLUR_PX)) for image in (reference, target))
     reach = int(np.ceil(reach_px))
     lags = np.arange(-reach, reach + 1)
     near = np.hypot(*np.meshgrid(lags, lags)) <= reach_px
@@ -154,17 +159,40 @@ def window_correlation(reference: Grey, target: Grey, centres: Array, warps: Arr
 
 
 def window_correlations(reference: Grey, target: Grey, centres: Array, warps: Array) -> Array:
-    """Correlations (n,), −1 … 1, of small windows around points with those where warps put them.
+    """Correlations (n,), −1 … 1, of small windows around points with those where warps put them, both smoothed.
 
     centres : (n, 2) [px]; warps : (n, 2, 3)
     NaN for windows of which less than half lies in both images.
     """
-    side = np.arange(-HALF_WINDOW_PX, HALF_WINDOW_PX + 1.0)
+    views = np.asarray(reference, dtype=np.float32), np.asarray(target, dtype=np.float32)
+    steps = range(0, len(centres), WINDOWS_AT_ONCE)
+    parts = [slice(begin, begin + WINDOWS_AT_ONCE) for begin in steps]
+    return np.concatenate([np.empty(0), *(_of_windows(*views, centres[part], warps[part]) for part in parts)])
+
+
+def _of_windows(reference: Grey, target: Grey, centres: Array, warps: Array) -> Array:
+    """The same for few windows at once."""
+    side = np.arange(-HALF_WINDOW_PX - BLUR_REACH_PX, HALF_WINDOW_PX + BLUR_REACH_PX + 1.0)
     offsets = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    at = apply_warp(warps[:, None], offsets)
-    f, g = _grey_at(reference, centres[:, None] + offsets), _grey_at(target, at)
-    seen = np.isfinite(f) & np.isfinite(g)
+    f, in_f = _smooth_windows(reference, centres[:, None] + offsets)
+    g, in_g = _smooth_windows(target, apply_warp(warps[:, None], offsets))
+    seen = in_f & in_g
     return np.where(seen.mean(axis=1) >= 0.5, _correlation(f, g, seen), np.nan)
+
+
+def _smooth_windows(image: Grey, places: Array) -> tuple[Array, Mask]:
+    """Grey levels of square windows, from those at places (n, pixels, 2) in them and up to BLUR_REACH_PX around.
+
+    Returns the smoothed windows, and which of their pixels lie in the image, (n, pixels) each.
+    """
+    count, side = len(places), 2 * (HALF_WINDOW_PX + BLUR_REACH_PX) + 1
+    grey = cv2.remap(image, places.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    smooth = cv2.GaussianBlur(grey.reshape(count * side, side), (0, 0), BLUR_PX)
+    with np.errstate(invalid="ignore"):
+        inside = ((places >= 0.0) & (places <= np.array(image.shape[::-1]) - 1.0)).all(axis=-1)
+    inner = np.s_[:, BLUR_REACH_PX:-BLUR_REACH_PX, BLUR_REACH_PX:-BLUR_REACH_PX]
+    windows, seen = (values.reshape(count, side, side)[inner].reshape(count, -1) for values in (smooth, inside))
+    return windows.astype(np.float64), seen
 
 
 def _correlation(f: Array, g: Array, seen: Mask) -> Array:
@@ -176,13 +204,6 @@ def _correlation(f: Array, g: Array, seen: Mask) -> Array:
     )
     size = np.sqrt((f * f).sum(axis=1) * (g * g).sum(axis=1))
     return np.asarray((f * g).sum(axis=1) / np.where(size > 0.0, size, 1.0))
-
-
-def _grey_at(image: Grey, places: Array) -> Array:
-    """Grey levels at places (..., 2), bilinear; NaN outside."""
-    grey, at = image.astype(np.float32, copy=False), places.astype(np.float32)
-    value = cv2.remap(grey, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(np.nan,))
-    return np.asarray(value, dtype=np.float64)
 
 
 def _pairs_of_part(pairs: Pairs, points: Array, in_part: Mask) -> Pairs:

@@ -10,6 +10,7 @@ further ones are found.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import cv2
@@ -17,6 +18,7 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Bytes, Grey, Image, Index, Mask
 from dicflow.core.matching.pairs import agreeing_matches, local_motion
+from dicflow.core.threads import over
 
 __all__ = ["Peak", "correlation_peak", "fft_matches"]
 
@@ -94,23 +96,27 @@ def _surface_peak(surface: Array) -> Peak:
     return Peak(place[::-1], float(surface.max()))
 
 
-def fft_matches(reference: Grey, target: Grey, usable: Mask, *, separate_windows: bool = False) -> tuple[Array, Array]:
+def fft_matches(
+    reference: Grey, target: Grey, usable: Mask, *, separate_windows: bool = False, threads: int = 1
+) -> tuple[Array, Array]:
     """Points in a reference image and their matches in a target image by cross-correlation, (n, 2) each [px].
 
     reference, target : (rows, cols) grey; they may differ in size
     usable : (rows, cols) bool — one connected part of the reference with continuous motion
     separate_windows : search first for windows separately instead of the region as a whole: slower, for larger
         deformations
+    threads : how many share the windows
     """
     from_image, to_image = (np.asarray(image, dtype=np.float32) for image in (reference, target))
     pairs = (_separate_window_matches if separate_windows else _whole_region_match)(from_image, to_image, usable)
     centres, found_before = _window_centres(usable, WINDOW_PX, GUIDED_WINDOWS), 0
+    guided = partial(_guided_window_matches, (from_image, to_image, usable), centres, threads)
     for _ in range(MAX_SEARCHES):
-        pairs = _guided_window_matches(from_image, to_image, centres, usable, pairs, SEARCH_RADIUS_PX)
-        if len(pairs[0]) <= GROWTH * found_before:
+        pairs = guided(pairs, SEARCH_RADIUS_PX)
+        if len(pairs[0]) <= GROWTH * found_before or GROWTH * len(pairs[0]) >= len(centres):
             break
         found_before = len(pairs[0])
-    return _guided_window_matches(from_image, to_image, centres, usable, pairs, LAST_RADIUS_PX)
+    return guided(pairs, LAST_RADIUS_PX)
 
 
 def _whole_region_match(reference: Image, target: Image, usable: Mask) -> tuple[Array, Array]:
@@ -149,29 +155,37 @@ def _separate_window_matches(reference: Image, target: Image, usable: Mask) -> t
 
 
 def _guided_window_matches(
-    reference: Image, target: Image, centres: Array, usable: Mask, pairs: tuple[Array, Array], reach: int
+    views: tuple[Image, Image, Mask], centres: Array, threads: int, pairs: tuple[Array, Array], reach: int
 ) -> tuple[Array, Array]:
     """Matches of windows around centres (n, 2), searched for near the positions that the pairs predict.
 
-    The target is resampled by the motion of the pairs, so that it matches the undeformed windows.
-
+    views : the reference, the target, and the usable pixels of the reference
     reach : radius of the search [px]
     """
     if len(pairs[0]) == 0:
         return pairs
-    motion, half = local_motion(*pairs, centres), WINDOW_PX // 2
-    offsets = np.arange(-half - reach, half + reach + 1)
+    guided = partial(_guided_match, views, reach)
+    found = over(threads, guided, zip(centres, *local_motion(*pairs, centres), strict=True))
+    known = [at is not None for at in found]
+    return _agreeing_pairs(list(centres[known]), [at for at in found if at is not None])
+
+
+def _guided_match(views: tuple[Image, Image, Mask], reach: int, motion: tuple[Array, Array, Array]) -> Array | None:
+    """Where a window matches, near its predicted place; None where it does not.
+
+    The target is resampled by the predicted motion, so that it matches the undeformed window.
+
+    motion : the window's centre (2,), the place predicted for it (2,), and the gradient of the motion there (2, 2)
+    """
+    (reference, target, usable), (centre, place, slope), half = views, motion, WINDOW_PX // 2
+    offsets, at = np.arange(-half - reach, half + reach + 1), centre.astype(int)
     grid = np.stack(np.meshgrid(offsets, offsets), axis=-1).astype(np.float64)
-    places, found = [], []
-    for centre, place, slope in zip(centres.astype(int), *motion, strict=True):
-        at = (place + grid @ slope.T).astype(np.float32)
-        image = np.asarray(cv2.remap(target, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
-        peak = _template_peak(image, _clipped_window(reference, centre, half), _clipped_window(usable, centre, half))
-        shift = peak.shift - (half + reach) + centre - np.maximum(centre - half, 0)
-        if peak.correlation >= MIN_CORRELATION and np.abs(shift).max() < reach:
-            places.append(centre)
-            found.append(place + slope @ shift)
-    return _agreeing_pairs(places, found)
+    here = (place + grid @ slope.T).astype(np.float32)
+    image = np.asarray(cv2.remap(target, here, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+    peak = _template_peak(image, _clipped_window(reference, at, half), _clipped_window(usable, at, half))
+    shift = peak.shift - (half + reach) + at - np.maximum(at - half, 0)
+    is_found = peak.correlation >= MIN_CORRELATION and np.abs(shift).max() < reach
+    return np.asarray(place + slope @ shift) if is_found else None
 
 
 def _template_peak(image: Image, window: Image, usable: Mask | None = None) -> Peak:

@@ -81,8 +81,7 @@ def test_guided_windows_correct_a_prediction_in_every_direction(off):
     usable[50:250, 50:250] = True
     centres = fft_search._window_centres(usable, fft_search.WINDOW_PX, 16)
     predicted = np.array([[150.0, 150.0]]), np.array([[150.0, 150.0]])
-    source, found = fft_search._guided_window_matches(
-        np.float32(texture(x, y)), np.float32(texture(x - off[0], y - off[1])), centres, usable, predicted, 24
-    )
+    views = np.float32(texture(x, y)), np.float32(texture(x - off[0], y - off[1])), usable
+    source, found = fft_search._guided_window_matches(views, centres, 2, predicted, 24)
     assert len(source) == len(centres)
     np.testing.assert_allclose(found - source, np.broadcast_to(off, found.shape), atol=0.05)
