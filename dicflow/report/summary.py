@@ -115,7 +115,7 @@ def _facts(context: Context, history: History | None) -> list[tuple[str, str, st
         if shares:
             facts.append(("Points with a value", least_percent(min(shares)), "least of all steps"))
     if len(result.values) > 1:
-        facts.append(("Variants", str(len(result.values)), "below is the first; see Sweep"))
+        facts.append(("Variants", str(len(result.values)), "below is the first; see Variants of the sweep"))
     facts += (
         [_peak(history, column) for column in history.columns if column.key in _PEAKS] if history is not None else []
     )

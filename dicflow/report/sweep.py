@@ -194,7 +194,10 @@ def _fields(context: Context) -> list[tuple[str, str]]:
     summary = summary_of(known)
     largest_first = sorted(_FIELDS, key=lambda name: -abs(summary.get(f"mean_{name}") or 0.0))
     return [
-        (f"{name} at {step}", _picture(context, ("sweep field", name, *labels, *digests), drawing(name)))
+        (
+            f"{QUANTITIES[name].symbol} at {step}",
+            _picture(context, ("sweep field", name, *labels, *digests), drawing(name)),
+        )
         for name in largest_first
         if name in known
     ]

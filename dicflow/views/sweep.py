@@ -24,8 +24,8 @@ __all__ = ["differing", "small_multiples", "step_figure", "sweep_figure"]
 _COLUMNS, _TICKS = 3, 8
 _HIGHEST_PX = 900
 """Height that the fields of all variants may have together."""
-_MOST_LABELS, _MOST_KEYS = 8, 16
-"""Variants that are named below a panel, and in a key; more are numbered."""
+_MOST_LABELS, _MOST_LETTERS, _MOST_KEYS = 8, 56, 16
+"""Variants that are named below a panel, letters for which it has room, and variants in a key; more are numbered."""
 _UNITS = {"mm": "mm", "px": "px", "mm2": "mm²", "deg": "deg", "pct": "%", "grey": "grey level"}
 _ALIKE = 1e-4
 """Values that differ by less of their size are not drawn; the table has all digits."""
@@ -41,8 +41,10 @@ def sweep_figure(values: Sequence[Mapping[str, Any]], table: Sequence[Mapping[st
     figure, panels = _panels(len(names))
     parameters = list(dict.fromkeys(key for row in values for key in row))
     alone = parameters[0] if len(parameters) == 1 else None
-    label = "variant" if len(values) > _MOST_LABELS else "" if alone is None else last_name(alone)
-    labels = _below(values, alone)
+    labels = variant_labels(values) if alone is None else [short_value(row[alone]) for row in values]
+    label = "" if alone is None else last_name(alone)
+    if not _have_room(labels):
+        labels, label = [f"#{number}" for number in range(1, len(values) + 1)], "variant"
     for axes, name in zip(panels, names, strict=False):
         _panel(axes, name, [row.get(name, math.nan) for row in table], labels)
         axes.set_xlabel(label, fontsize=8)
@@ -117,11 +119,10 @@ def _unit(name: str) -> str:
     return _UNITS.get(name.rpartition("_")[2], "–")
 
 
-def _below(values: Sequence[Mapping[str, Any]], alone: str | None) -> list[str]:
-    """What stands below the dots of the variants. alone : the only swept parameter"""
-    if len(values) > _MOST_LABELS:
-        return [f"#{number}" for number in range(1, len(values) + 1)]
-    return variant_labels(values) if alone is None else [short_value(row[alone]) for row in values]
+def _have_room(labels: Sequence[str]) -> bool:
+    """Whether labels of variants fit side by side below a panel."""
+    letters = max(len(line) + 1 for label in labels for line in label.split("\n"))
+    return len(labels) <= _MOST_LABELS and letters * len(labels) <= _MOST_LETTERS
 
 
 def _panel(axes: Axes, name: str, heights: Sequence[float], labels: Sequence[str]) -> None:

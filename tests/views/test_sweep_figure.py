@@ -54,6 +54,14 @@ def test_variants_of_several_parameters_name_them():
     assert [text.get_text() for text in panel.get_xticklabels()] == ["z 1,1\nrobust none", "z 1,1\nrobust LAR"]
 
 
+def test_variants_whose_names_have_no_room_side_by_side_are_numbered():
+    values = [{"total.window": f"{side} px", "points.step_size": step} for side in (30, 50, 90) for step in (5, 9)]
+    rows = [{**row, "total.sigma": float(place)} for place, row in enumerate(values)]
+    (panel,) = panels(sweep_figure(values, rows)).values()
+    assert panel.get_xlabel() == "variant"
+    assert [text.get_text() for text in panel.get_xticklabels()] == [f"#{number}" for number in range(1, 7)]
+
+
 def test_labels():
     assert variant_labels([{"a.b": {"x": [1, 2]}, "c.d": "LAR"}]) == ["b x1,2\nd LAR"]
     assert variant_names([{"a.b": 1, "c.d": [1, 2]}]) == ["b 1, d 1,2"]
