@@ -9,7 +9,7 @@ from typing import NamedTuple
 from markupsafe import Markup
 
 from dicflow.explorer.manifest import Manifest
-from dicflow.explorer.pack import packed_result
+from dicflow.explorer.pack import Packed
 from dicflow.explorer.page import fragment
 from dicflow.report.context import Context, Section
 from dicflow.report.main_fields import main_fields
@@ -43,12 +43,12 @@ class Seen(NamedTuple):
     least: float
 
 
-def answer(context: Context, sections: Sequence[Section]) -> Section | None:
+def answer(context: Context, found: Packed | None, sections: Sequence[Section]) -> Section | None:
     """The section, None for a pipeline whose points have no place.
 
+    found : the fields of the result, None without any
     sections : all others, whose warnings the verdict counts
     """
-    found = packed_result(context.result, context.pipeline.title, context.pieces.get, threads=context.workers)
     if found is None:
         return None
     warnings = sum(len(section.warnings) for section in sections)

@@ -7,6 +7,7 @@ import hashlib
 import itertools
 import json
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from markupsafe import Markup
@@ -15,6 +16,7 @@ from dicflow._version import __version__
 from dicflow.engine.journal import RunInfo, find_run
 from dicflow.engine.whole_file import read_file
 from dicflow.errors import DicflowError, InputError
+from dicflow.explorer.pack import packed_result
 from dicflow.io.files import make_folder, write_whole
 from dicflow.pipeline import Pipeline, Result
 from dicflow.pipeline.provenance import RunFacts, run_facts
@@ -112,7 +114,10 @@ def _run(pipeline: Pipeline, result: Result) -> RunInfo | None:
 
 
 def _sections(context: Context, problems: list[str], progress: Note) -> list[Section]:
-    """The sections that this pipeline has, in order. problems : takes the messages of those that fail"""
+    """The sections that this pipeline has, in order. problems : takes the messages of those that fail
+
+    The values of the fields are packed while the other sections are made.
+    """
     parts = entries()
     count, done = len(parts) + 2, itertools.count(1)
 
@@ -121,8 +126,11 @@ def _sections(context: Context, problems: list[str], progress: Note) -> list[Sec
         progress(next(done), count)
         return [] if section is None else [section]
 
-    sections = [section for entry in parts for section in made(entry)]
-    opening = made(Entry("answer", "Result", lambda context: answer(context, sections)))
+    with ThreadPoolExecutor(1) as beside:
+        shown = context.result, context.pipeline.title, context.pieces.get
+        found = beside.submit(packed_result, *shown, threads=context.workers)
+        sections = [section for entry in parts for section in made(entry)]
+        opening = made(Entry("answer", "Result", lambda context: answer(context, found.result(), sections)))
     first = made(Entry("summary", "Summary", lambda context: summary(context, [*opening, *sections])))
     return [*opening, *first, *sections]
 
