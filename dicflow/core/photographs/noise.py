@@ -142,12 +142,10 @@ def pair_noise(first: Grey, second: Grey, usable: Mask) -> float:
     f, g = (image.astype(np.float32) for image in (first, second))
     smooth = cv2.GaussianBlur(f, (0, 0), 1.0)
     slopes = (cv2.Sobel(smooth, cv2.CV_32F, *axis, ksize=1, scale=0.5) for axis in ((1, 0), (0, 1)))
-    explained = np.stack(
-        [np.ones(int(usable.sum()), dtype=np.float32), *(v[usable] for v in (smooth, *slopes))], axis=-1
-    )
+    explained = np.stack([np.ones(int(usable.sum())), *(v[usable] for v in (smooth - smooth.mean(), *slopes))])
     difference = (g - f)[usable].astype(np.float64)
-    coefficients = np.linalg.lstsq(explained.astype(np.float64), difference, rcond=None)[0]
-    return _standard_deviation_without_outliers(difference - explained @ coefficients) / float(np.sqrt(2.0))
+    coefficients = np.linalg.lstsq(explained @ explained.T, explained @ difference, rcond=None)[0]
+    return _standard_deviation_without_outliers(difference - coefficients @ explained) / float(np.sqrt(2.0))
 
 
 def residual_noise(variance: Array, degree: int) -> float:
