@@ -116,6 +116,8 @@ class _AtOnce:
 class _Flow:
     """The jobs of one run on their way through threads, each of which waits for one job.
 
+    Until worker processes have started, quick jobs are done in this one.
+
     A job is tried again where its worker dies, so often as ``retries`` says but at least once. After that it is run
     once more when nothing runs beside it: the worker may have died of what did, and alone a job has all the memory.
 
@@ -142,6 +144,7 @@ class _Flow:
         self._compiling: dict[Future[float], tuple[str, str]] = {}
         self._running: dict[Future[Outcome], Job] = {}
         self._free = 0
+        self._is_prepared = False
         self._lost: list[Job] = []
 
     def run(self) -> None:
@@ -210,9 +213,19 @@ class _Flow:
 
     def _call_for(self, job: Job) -> Callable[..., Any]:
         """What calls a function in a worker, if possible in the one that has an input of the job in its memory."""
-        if self._options.processes is None:
+        processes = self._options.processes
+        if processes is None:
             return self._call
+        if job.task.node.is_quick and not processes.are_ready:
+            self._prepare()
+            return _here
         return partial(self._call, preferred=next(iter(job.workers(self._outcomes)), 0))
+
+    def _prepare(self) -> None:
+        """Make this process ready for jobs, once."""
+        if not self._is_prepared:
+            prepare(self._options.setup)
+            self._is_prepared = True
 
     def _take(self) -> None:
         """Wait for the next job to end, and take it in."""

@@ -203,6 +203,8 @@ class Node(BaseModel):
     """Port → parameters that default to those of the stage joined to it."""
     impl_version: ClassVar[int] = 1
     """Raised by hand whenever the same inputs may give other results."""
+    is_quick: ClassVar[bool] = False
+    """Whether its tasks are short and need no compiled code, so that the program does them while its workers start."""
 
     stage: str
     keep: Keep = keeping("auto")

@@ -71,6 +71,7 @@ class WorkerProcesses:
         self._idle = _Idle()
         self._workers: set[_Worker] = set()
         self._closed = False
+        self._ready = threading.Event()
         self._problem = ""
         self._lock = threading.Lock()
         self._variables: set[str] = set()
@@ -102,6 +103,11 @@ class WorkerProcesses:
             worker.end()
         if self._forks is not None:
             self._forks.end()
+
+    @property
+    def are_ready(self) -> bool:
+        """Whether one has started."""
+        return self._ready.is_set()
 
     def start(self) -> None:
         """Start all processes now, so that they are ready when there is work."""
@@ -183,6 +189,7 @@ class WorkerProcesses:
         for _ in range(_STARTS):
             worker = self._launched()
             if worker is not None and worker.is_ready():
+                self._ready.set()
                 self._idle.put(worker)
                 return
             if worker is not None:

@@ -38,6 +38,7 @@ class Corners(Node):
     takes: ClassVar = {"images": Port("images")}
     gives: ClassVar = "corners"
     impl_version: ClassVar = 3
+    is_quick: ClassVar = True
 
     stage: Literal["corners"] = "corners"
     size: tuple[Count, Count] = parameter(

@@ -41,6 +41,7 @@ class Images(Node):
     scope: ClassVar = Scope.STEP
     gives: ClassVar = "images"
     impl_version: ClassVar = 3
+    is_quick: ClassVar = True
 
     stage: Literal["images"] = "images"
     left: str | list[str] = parameter(

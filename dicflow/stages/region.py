@@ -84,6 +84,7 @@ class Region(Node):
     }
     gives: ClassVar = "region"
     impl_version: ClassVar = 2
+    is_quick: ClassVar = True
 
     stage: Literal["region"] = "region"
     rectangle: Annotated[tuple[float, float, float, float], AfterValidator(_ordered)] | None = parameter(

@@ -30,6 +30,7 @@ class RigFile(Node):
     scope: ClassVar = Scope.RIG
     takes: ClassVar = {"images": Port("images", at=At.FIRST, optional=True)}
     gives: ClassVar = "rig"
+    is_quick: ClassVar = True
 
     stage: Literal["rig_file"] = "rig_file"
     file: InputFile = parameter(

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+import toys
 from test_execute import trouble
 from toys import chain, numbers, run_sync
 from waiting import PATIENCE_S, started, until
@@ -243,6 +244,18 @@ if __name__ == "__main__":
     store = Store.open(Path(sys.argv[2]))
     run_sync(graph, store, scheduler="processes", on_event=lambda event: print(event.stage, flush=True))
 """
+
+
+@pytest.mark.parametrize("are_ready", [False, True])
+def test_quick_tasks_are_done_here_as_long_as_no_worker_is_ready(folder, store, monkeypatch, are_ready):
+    here, read, scaled = [], toys.Read.run, toys.Scale.run
+    monkeypatch.setattr(toys.Read, "is_quick", True)
+    monkeypatch.setattr(toys.Read, "run", lambda node, **given: here.append("read") or read(node, **given))
+    monkeypatch.setattr(toys.Scale, "run", lambda node, **given: here.append("scale") or scaled(node, **given))
+    monkeypatch.setattr(WorkerProcesses, "are_ready", are_ready)
+    result = run_sync(chain(folder), store, scheduler="processes", workers=2)
+    assert result.ok
+    assert set(here) == (set() if are_ready else {"read"})
 
 
 def semaphores(processes):
