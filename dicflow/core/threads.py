@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from contextvars import copy_context
 from typing import Any, TypeVar
 
 __all__ = ["at_once", "over"]
@@ -19,13 +18,12 @@ def at_once(threads: int, *calls: Callable[[], Any]) -> list[Any]:
 
 
 def over(threads: int, function: Callable[[Item], T], items: Iterable[Item]) -> list[T]:
-    """The values of a function for some items, in their order, computed in so many threads in the caller's context."""
+    """The values of a function for some items, in their order, computed in so many threads."""
     items = list(items)
     if min(threads, len(items)) <= 1:
         return [function(item) for item in items]
-    context = copy_context()
     with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(lambda item: context.copy().run(function, item), items))
+        return list(pool.map(function, items))
 
 
 def _called(call: Callable[[], Any]) -> Any:

@@ -197,10 +197,10 @@ class Correlate(SubsetSearch):
         found = searched.found
         found = found._replace(status=np.where(lost, before["status"], found.status))
         found, said = (found, {}) if found.valid.any() else _all_lost(found, image.grey)
-        shape = searched.search.subset.shape_function
+        shape, threads = searched.search.subset.shape_function, self.thread_count
         bias, polygons = at_once(
-            self.thread_count,
-            partial(self._left_out, searched, shape, first),
+            threads,
+            partial(self._left_out, searched, shape, first, threads),
             partial(before.outline, first.outline, found, first.parts),
         )
         product = Correlation.write(
@@ -216,11 +216,11 @@ class Correlate(SubsetSearch):
         own = found.template_covariance if shape != before.first_shape_function else None
         return Correlation.read(product).with_shape_errors(bias, own, first.parts)
 
-    def _left_out(self, searched: _Searched, shape: str, first: _First) -> np.ndarray:
+    def _left_out(self, searched: _Searched, shape: str, first: _First, threads: int) -> np.ndarray:
         """What the shape function leaves out of the places (row, col, 2) [px]."""
         if searched.bias is not None:
             return searched.bias
-        return left_out(searched.found, shape, (self.subset_size, self.step_size), first.parts, self.thread_count)
+        return left_out(searched.found, shape, (self.subset_size, self.step_size), first.parts, threads)
 
     def _searched(
         self, image: Photograph, first: _First, previous: _Previous, pairs: Pairs | None, lost: np.ndarray
