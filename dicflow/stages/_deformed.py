@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from dicflow.kinds.kind import summary_of
@@ -12,6 +12,7 @@ from dicflow.kinds.total import Total, named_with_unit
 if TYPE_CHECKING:
     import numpy as np
 
+    from dicflow.core.strain.point_scatter import AxisScatter
     from dicflow.core.uncertainty.covariance import MeasuredPoints
 
 __all__ = [
@@ -52,15 +53,15 @@ def combined(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def beyond_noise(
-    bias: Mapping[str, np.ndarray], moved: Mapping[str, np.ndarray], ratios: np.ndarray
+    bias: Mapping[str, np.ndarray], moved: Mapping[str, np.ndarray], seen: Sequence[AxisScatter]
 ) -> dict[str, np.ndarray]:
     """Bias of U, V and W with what the points scatter beyond their σ; empty if the bias is unknown.
 
-    moved : with σ of each; ratios : (3,) — of the scatter to σ, at least 1
+    moved : with σ of each
     """
     import numpy as np
 
-    excess = {f"bias_{name}": np.sqrt(r**2 - 1.0) for name, r in zip("UVW", ratios, strict=True)}
+    excess = {f"bias_{name}": np.sqrt(axis.variance / axis.noise - 1.0) for name, axis in zip("UVW", seen, strict=True)}
     return {
         name: np.hypot(values, excess[name] * moved[name.replace("bias", "sigma")]) for name, values in bias.items()
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from dicflow.kinds.points import Points
@@ -12,10 +12,12 @@ if TYPE_CHECKING:
 
     from dicflow.core.cameras.frames import Frame
     from dicflow.core.strain.deformation_gradient import ErrorShare
+    from dicflow.core.strain.point_scatter import AxisScatter
     from dicflow.core.strain.unseen_jumps import UnseenJumps
     from dicflow.core.uncertainty.overlap import ShapeFunction
+    from dicflow.kinds.correlation import SubsetGrid
 
-__all__ = ["bias_of_displacements", "bias_of_places", "errors_by_shape", "smaller_errors", "variance_shares"]
+__all__ = ["bias_of_displacements", "bias_of_places", "errors_as_seen", "errors_by_shape", "variance_shares"]
 
 
 def errors_by_shape(
@@ -56,15 +58,27 @@ def variance_shares(errors: Mapping[ShapeFunction, ErrorShare]) -> dict[str, lis
     return {name: part.tolist() for name, part in zip(errors, means, strict=True)}
 
 
-def smaller_errors(
-    covariance: np.ndarray, errors: Mapping[ShapeFunction, ErrorShare], ratios: np.ndarray
+def errors_as_seen(
+    covariance: np.ndarray, errors: Mapping[ShapeFunction, ErrorShare], seen: Sequence[AxisScatter], grid: SubsetGrid
 ) -> tuple[np.ndarray, dict[ShapeFunction, ErrorShare]]:
-    """The covariance of the points at both steps, and its shares, for σ times ratios (3,) below 1 along each axis."""
+    """The covariance of the points at both steps as noise, and its shares with all that is seen along each axis."""
+    size = (grid.subset_size, grid.step_size)
+    scale = _products([axis.variance for axis in seen])
+    scaled = {
+        shape: one._replace(
+            covariance=scale * one.covariance, along=tuple(axis.correlation(*size, shape) for axis in seen)
+        )
+        for shape, one in errors.items()
+    }
+    return _products([axis.noise for axis in seen]) * covariance, scaled
+
+
+def _products(variances: Sequence[np.ndarray]) -> np.ndarray:
+    """Products (row, col, 6, 6) of the standard deviations of both steps from variances (row, col) along each axis."""
     import numpy as np
 
-    both = np.tile(np.minimum(ratios, 1.0), 2)
-    scale = both[:, None] * both
-    return scale * covariance, {name: one._replace(covariance=scale * one.covariance) for name, one in errors.items()}
+    deviations = np.sqrt(np.stack([*variances, *variances], axis=-1))
+    return np.asarray(deviations[..., :, None] * deviations[..., None, :])
 
 
 def bias_of_places(step: Points, turn: np.ndarray) -> np.ndarray | None:

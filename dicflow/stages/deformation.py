@@ -47,8 +47,8 @@ from dicflow.stages._deformed import (
 from dicflow.stages._point_errors import (
     bias_of_displacements,
     bias_of_places,
+    errors_as_seen,
     errors_by_shape,
-    smaller_errors,
     variance_shares,
 )
 from dicflow.stages._scaled import in_unit, scale_shares
@@ -149,7 +149,7 @@ class Deformation(Node):
         from dicflow.core.strain.deformation_gradient import measured_surface
         from dicflow.core.strain.degree_choice import candidate_fits, chosen_gradient
         from dicflow.core.strain.place_bias import with_bias_of_places
-        from dicflow.core.strain.point_scatter import scatter_over_stated
+        from dicflow.core.strain.point_scatter import scatter_of_points, with_scatter_as_bias
         from dicflow.core.strain.unseen_jumps import cut_by_jumps, unseen_jumps
         from dicflow.core.tensors import upper_triangle
         from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame, with_errors
@@ -168,9 +168,9 @@ class Deformation(Node):
         surface_of = partial(measured_surface, before.xyz, parts=first.parts, min_share=self.min_share)
         (lost, grid), frames = _jumps(step, first), (compose_frames(along, axes), axes)
         measured, places = surface_of(after.xyz, [*errors.values()]), bias_of_places(step, frames[0].rotation)
-        ratios = scatter_over_stated(measured, grid, places, step.misfit_share)
-        if (ratios < 1.0).any():
-            covariance, errors = smaller_errors(covariance, errors, ratios)
+        seen = scatter_of_points(measured, grid, [*errors], places, step.misfit_share)
+        if not all(axis.is_as_stated for axis in seen):
+            covariance, errors = errors_as_seen(covariance, errors, seen, first.grid)
             measured = surface_of(after.xyz, [*errors.values()])
         cut = cut_by_jumps(measured, lost, grid, self._window(first))
         if cut.any():
@@ -180,10 +180,10 @@ class Deformation(Node):
         jumps = unseen_jumps(measured, lost | cut, grid, max(self._window(first)))
         fits = candidate_fits(self._window(first), self.degree)
         chosen = with_crack_ends(chosen_gradient(measured, fits, jumps), measured, lost | cut, fits[0])
-        chosen = with_bias_of_places(chosen, measured, places)
+        chosen = with_scatter_as_bias(with_bias_of_places(chosen, measured, places), seen)
         surface = chosen.surface
         fields = displacements(before, after, covariance)
-        fields |= beyond_noise(bias_of_displacements(places, jumps), fields, np.maximum(ratios, 1.0))
+        fields |= beyond_noise(bias_of_displacements(places, jumps), fields, seen)
         fields |= self._strains(chosen)
         fields |= combined(fields)
         if scale is not None:

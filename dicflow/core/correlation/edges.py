@@ -39,7 +39,10 @@ _SUSPECT_RATIO, _SUSPECT_MISFIT_PX = 1.2, 0.03
 """Variance of the residual over the usual one, and misfit, above which parts of a subset are left out."""
 _USUAL_QUANTILE, _LEAST_QUANTILE, _SUSPECT_SPREAD = 0.25, 0.05, 2.5
 """Quantiles of the variance of the residual in a field, which a minority of disturbed subsets does not change, and how
-many times their difference a subset must exceed the upper one to be unusual."""
+many times their difference, or which power of their ratio, a subset must exceed the upper one to be unusual: large
+residuals spread more upwards."""
+_MOST_SPREAD = 1.3
+"""Largest ratio of these quantiles that counts: more comes from places of different light."""
 _LIGHT_RATIO, _LIGHT_MISFIT_PX = 2.3, 0.05
 """Variance of the residual over the usual one, and misfit, above which an unusual subset is tested for changes of the
 light."""
@@ -150,7 +153,8 @@ def _local_usual(residual: Array) -> Array:
 def _unusual_ratio(ratio: Array) -> float:
     """The ratio to the usual variance of the residual above which one is unusual in its field (rows, cols)."""
     low, least = (_quantile(ratio, share, 0.0) for share in (_USUAL_QUANTILE, _LEAST_QUANTILE))
-    return max(_SUSPECT_RATIO, low + _SUSPECT_SPREAD * (low - least))
+    ratio_of_both = min(low / least, _MOST_SPREAD) if least > 0.0 else 1.0
+    return max(_SUSPECT_RATIO, low + _SUSPECT_SPREAD * (low - least), float(low * ratio_of_both**_SUSPECT_SPREAD))
 
 
 def _chunks(mask: Mask) -> Iterator[tuple[Index, ...]]:

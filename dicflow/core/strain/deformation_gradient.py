@@ -28,7 +28,7 @@ from dicflow.core.strain.window_fits import WindowedPoints
 from dicflow.core.tensors import cross, inverse
 from dicflow.core.threads import over
 from dicflow.core.uncertainty.covariance import displacement_covariance
-from dicflow.core.uncertainty.overlap import Overlap
+from dicflow.core.uncertainty.overlap import Overlap, lag_products
 
 __all__ = [
     "ErrorShare",
@@ -46,6 +46,9 @@ _AROUND = (5, 5)
 """Points around one that share the directions of their errors."""
 _UNSURE = 1.5
 """Standard deviation over the least one around, above which a point is much less certain; half a subset has √2."""
+_ALIKE, _APART = 0.5, 1000.0
+"""Difference of the logarithms of sums of squares of weights below which windows are much alike, and more than such
+differences that there are."""
 _QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
 
@@ -53,11 +56,41 @@ class ErrorShare(NamedTuple):
     """Share in the errors of points by subsets of one kind.
 
     covariance : (row, col, 6, 6) — of each point at the step and at the reference state, in this order
-    rho : correlation of the errors of two points
+    rho : correlation of the errors of two points, by overlap of their subsets
+    along : that of the errors along each of three axes, where it differs
     """
 
     covariance: Array
     rho: Overlap
+    along: tuple[Overlap, ...] = ()
+
+    def reaching(self, kinds: _WindowKinds) -> Array:
+        """Factors (n, m, 6) for the errors along each axis in sums over windows, by their reach.
+
+        Ratios of the standard deviations of these sums to those by overlap.
+        """
+        lags = np.ogrid[: kinds.products.shape[2], : kinds.products.shape[3]]
+        by_overlap, *by_axis = ((kinds.products * rho.at(*lags)).sum(axis=(2, 3)) for rho in (self.rho, *self.along))
+        return np.tile(np.sqrt(np.stack(by_axis, axis=-1) / by_overlap[..., None]), 2)[kinds.kind]
+
+
+class _WindowKinds(NamedTuple):
+    """Windows whose weights are of much the same sizes, by one of each kind.
+
+    products : (kind, m, high, wide) — of the weights, by distance; NaN where the windows have too few points
+    kind : (n,) — of each window
+    """
+
+    products: Array
+    kind: Index
+
+    @classmethod
+    def of(cls, weights: Array) -> _WindowKinds:
+        """Those of sums with weights (n, m, high, wide)."""
+        sizes = np.log((weights**2).sum(axis=(2, 3)))
+        both = np.rint(sizes / _ALIKE) @ _APART ** np.arange(sizes.shape[1])
+        _, some, kind = np.unique(both, return_index=True, return_inverse=True)
+        return cls(lag_products(weights[some]), np.asarray(kind.ravel()))
 
 
 class SurfaceGradient(NamedTuple):
@@ -109,9 +142,12 @@ class MeasuredSurface(NamedTuple):
     def covariance_by(self, at: Index, weights: Array, response: Array) -> Array:
         """Covariance (n, 4, 4) of the gradient, or of a change of it, by the weights in the slopes."""
         with np.errstate(invalid="ignore"):
+            kinds = _WindowKinds.of(weights) if any(share.along for share in self.errors) and len(at) else None
             parts = [
                 _gradient_covariance(
-                    response, self.points.variances(at, weights, share.rho), share.covariance[at[:, 0], at[:, 1]]
+                    response * share.reaching(kinds)[:, None] if kinds and share.along else response,
+                    self.points.variances(at, weights, share.rho),
+                    share.covariance[at[:, 0], at[:, 1]],
                 )
                 for share in self.errors
             ]

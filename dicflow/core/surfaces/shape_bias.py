@@ -201,7 +201,7 @@ def _correlated_share(side: int, size: int, step: int, shape_function: ShapeFunc
     """Variance of fit less point in a whole window, over that of points whose subsets do not overlap."""
     weights = _centre_weights(side, shape_function).copy()
     weights[side // 2, side // 2] -= 1.0
-    return overlap(size, step, shape_function).variance(weights) / float((weights**2).sum())
+    return float(overlap(size, step, shape_function).variance(weights) / (weights**2).sum())
 
 
 def _standard_error(square: Array, noise: Array, sigma: float) -> Array:

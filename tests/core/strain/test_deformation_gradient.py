@@ -16,7 +16,7 @@ from dicflow.core.strain.measures import GradientMeasures, deformation_measures
 from dicflow.core.strain.remaining_bias import WindowFit
 from dicflow.core.strain.surface_strain import deformation_gradient, tangent_basis
 from dicflow.core.uncertainty.covariance import MeasuredPoints, joint_covariance
-from dicflow.core.uncertainty.overlap import independent, overlap
+from dicflow.core.uncertainty.overlap import Derivative, independent, overlap
 from tests.noise import point_errors
 
 SHAPE = (40, 30)
@@ -182,6 +182,27 @@ def test_shares_of_either_shape_function_add_up():
     assert np.allclose(both, first + second, rtol=1e-9, equal_nan=True)
     joint = gradient_of(TILTED, 1.1 * TILTED, covariance=sum(share.covariance for share in shares), rho=shares[0].rho)
     assert not np.allclose(both, joint.covariance, rtol=0.05, equal_nan=True)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_errors_of_another_reach_along_each_axis(degree):
+    """As if this were their overlap: exactly in whole windows, and nearly in those at rims."""
+    covariance, plain = np.broadcast_to(1e-6 * np.eye(6), (*SHAPE, 6, 6)), overlap(21, STEP)
+    other = overlap(21, STEP, "affine", Derivative("across", 2.0))
+    by_overlap, along, expected = (
+        chosen_gradient(measured_surface(TILTED, 1.1 * TILTED, [share]), [WindowFit((7, 7), degree)]).surface.covariance
+        for share in (
+            ErrorShare(covariance, plain),
+            ErrorShare(covariance, plain, (other, other, other)),
+            ErrorShare(covariance, other),
+        )
+    )
+    inside = np.s_[3:-3, 3:-3]
+    np.testing.assert_allclose(along[inside], expected[inside], rtol=1e-6, atol=1e-15)
+    ratio = np.diagonal(along / expected, axis1=-2, axis2=-1)
+    assert np.abs(np.log(ratio)).max() < 0.5
+    assert np.abs(np.log(ratio)).mean() < 0.1
+    assert not np.allclose(by_overlap[inside], expected[inside], rtol=0.2)
 
 
 def test_gauge_and_scale():
