@@ -31,11 +31,11 @@ def displacements(before: MeasuredPoints, after: MeasuredPoints, covariance: np.
     """U, V and W, and σ of each."""
     import numpy as np
 
-    from dicflow.core.uncertainty.covariance import displacement_covariance
+    from dicflow.core.uncertainty.covariance import displacement_variances
 
     values = after.xyz - before.xyz
     values[np.isnan(values).any(axis=-1)] = np.nan
-    variances = np.diagonal(displacement_covariance(covariance), axis1=-2, axis2=-1)
+    variances = displacement_variances(covariance)
     deviations = np.sqrt(np.maximum(variances, 0.0))
     return {
         **{name: values[..., axis] for axis, name in enumerate("UVW")},

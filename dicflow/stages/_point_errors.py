@@ -45,13 +45,11 @@ def variance_shares(errors: Mapping[ShapeFunction, ErrorShare]) -> dict[str, lis
     """Shares of each shape function in the variance of U, V and W, means over the points."""
     import numpy as np
 
-    from dicflow.core.uncertainty.covariance import displacement_covariance
+    from dicflow.core.uncertainty.covariance import displacement_variances
 
     if len(errors) == 1:
         return {name: [1.0, 1.0, 1.0] for name in errors}
-    variances = np.stack(
-        [np.diagonal(displacement_covariance(part.covariance), axis1=-2, axis2=-1) for part in errors.values()]
-    )
+    variances = np.stack([displacement_variances(part.covariance) for part in errors.values()])
     known = (variances.sum(axis=0) > 0.0).all(axis=-1)
     shares = variances[:, known] / variances[:, known].sum(axis=0)
     means = shares.mean(axis=1) if known.any() else np.full((len(errors), 3), 1.0 / len(errors))

@@ -101,13 +101,13 @@ def _displacement(total: Total, known: np.ndarray, rigid: bool) -> tuple[np.ndar
     from dicflow.core.cameras.frames import LEFT_CAMERA, into_frame
     from dicflow.core.cameras.rigid import co_moving_frame, rigid_motion
     from dicflow.core.tensors import symmetric
-    from dicflow.core.uncertainty.covariance import displacement_covariance
+    from dicflow.core.uncertainty.covariance import displacement_variances
 
     reference, deformed = total["xyz_reference"][known], total["xyz"][known]
     covariance = symmetric(total["covariance"][known])
     along = LEFT_CAMERA
     if rigid:
-        weights = 1.0 / np.maximum(np.trace(displacement_covariance(covariance), axis1=-2, axis2=-1), 1e-12)
+        weights = 1.0 / np.maximum(displacement_variances(covariance).sum(axis=-1), 1e-12)
         try:
             along = co_moving_frame(rigid_motion(reference, deformed, weights))
         except ValueError as error:

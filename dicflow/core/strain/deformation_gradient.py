@@ -27,7 +27,7 @@ from dicflow.core.strain.surface_strain import jacobian, tangent_basis
 from dicflow.core.strain.window_fits import WindowedPoints
 from dicflow.core.tensors import cross, inverse
 from dicflow.core.threads import over
-from dicflow.core.uncertainty.covariance import displacement_covariance
+from dicflow.core.uncertainty.covariance import displacement_variances
 from dicflow.core.uncertainty.overlap import Overlap, lag_products
 
 __all__ = [
@@ -69,8 +69,9 @@ class ErrorShare(NamedTuple):
 
         Ratios of the standard deviations of these sums to those by overlap.
         """
-        lags = np.ogrid[: kinds.products.shape[2], : kinds.products.shape[3]]
-        by_overlap, *by_axis = ((kinds.products * rho.at(*lags)).sum(axis=(2, 3)) for rho in (self.rho, *self.along))
+        flat = kinds.products.reshape(*kinds.products.shape[:2], -1)
+        window = kinds.products.shape[2:]
+        by_overlap, *by_axis = (flat @ rho.in_window(window).ravel() for rho in (self.rho, *self.along))
         return np.tile(np.sqrt(np.stack(by_axis, axis=-1) / by_overlap[..., None]), 2)[kinds.kind]
 
 
@@ -166,7 +167,7 @@ def measured_surface(
     min_share : share of a window's points that must have a value
     """
     whole = np.sum([share.covariance for share in errors], axis=0)
-    sigma = np.sqrt(np.trace(displacement_covariance(whole), axis1=-2, axis2=-1))
+    sigma = np.sqrt(displacement_variances(whole).sum(axis=-1))
     known = np.asarray(np.isfinite(reference + deformed).all(axis=-1) & np.isfinite(sigma))
     sigma = np.where(known, np.maximum(sigma, 1e-12), 0.0)
     weights = np.where(known, 1.0 / np.where(known, sigma, 1.0) ** 2, 0.0)
@@ -191,11 +192,13 @@ def _as_around(covariance: Array, sigma: Array) -> Array:
     if not unsure.any():
         return covariance
     share = np.divide(1.0, sigma**4, out=np.zeros_like(sigma), where=known)
-    flat = np.where(known[..., None], covariance.reshape(*sigma.shape, -1), 0.0)
-    sums = [cv2.boxFilter(share * part, -1, _AROUND, normalize=False) for part in np.moveaxis(flat, -1, 0)]
     scale = sigma**2 / np.maximum(cv2.boxFilter(share * sigma**2, -1, _AROUND, normalize=False), 1e-300)
-    found = (np.stack(sums, axis=-1) * scale[..., None]).reshape(covariance.shape)
-    return np.where(unsure[..., None, None], found, covariance)
+    found = covariance.copy()
+    for i, j in zip(*np.triu_indices(covariance.shape[-1]), strict=True):
+        part = np.where(known, share * covariance[..., i, j], 0.0)
+        around = cv2.boxFilter(part, -1, _AROUND, normalize=False)[unsure] * scale[unsure]
+        found[unsure, i, j] = found[unsure, j, i] = around
+    return np.asarray(found)
 
 
 def pixel_size_mm(reference: Array, step_size: float) -> Array:
@@ -231,9 +234,10 @@ def _gradient_covariance(response: Array, slopes: Array, points: Array) -> Array
     with np.errstate(invalid="ignore"):
         for first in range(2):
             moved = response[..., first, :] @ points
-            for second in range(2):
+            for second in range(first + 1):
                 share = moved @ np.swapaxes(response[..., second, :], -1, -2)
-                total += slopes[..., first, second, None, None] * share
+                both = share if first == second else share + np.swapaxes(share, -1, -2)
+                total += slopes[..., first, second, None, None] * both
     return total
 
 

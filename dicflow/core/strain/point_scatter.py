@@ -28,7 +28,7 @@ from dicflow.core.strain.deformation_gradient import MeasuredSurface
 from dicflow.core.strain.degree_choice import ChosenGradient
 from dicflow.core.strain.small_jumps import GridOfSubsets
 from dicflow.core.strain.window_fits import polynomial_terms, terms_of_degree
-from dicflow.core.uncertainty.covariance import displacement_covariance
+from dicflow.core.uncertainty.covariance import displacement_variances
 from dicflow.core.uncertainty.overlap import Derivative, Overlap, ShapeFunction, mixed, overlap
 
 __all__ = ["AxisScatter", "scatter_of_points", "with_scatter_as_bias"]
@@ -216,7 +216,7 @@ def _axes(
     wide, small = (grid.whole(known, window) for window in (grid.wide, grid.small))
     values = surface.points.values[part]
     moved = values[..., :3] - values[..., 3:]
-    by_shape = np.stack([_variances(one.covariance[part]) for one in surface.errors])
+    by_shape = np.stack([displacement_variances(one.covariance[part]) for one in surface.errors])
     squares = np.zeros_like(moved) if bias is None else np.nan_to_num(bias[part]) ** 2
     total = by_shape.sum(axis=0)
     along = (np.ascontiguousarray(np.moveaxis(field, -1, 0)) for field in (moved, total, squares))
@@ -241,11 +241,6 @@ def _over_expected(grid: _Grid, axis: _Axis, window: _Window, variances: Array) 
     where = axis.small if window == grid.small else axis.wide
     seen = _by_quantiles(axis.scaled_residuals(_residuals(window)[:1], where), *_MEDIAN)[0]
     return float(seen / (variances @ grid.by_kind(window, axis.shares)[:, 0]))
-
-
-def _variances(covariance: Array) -> Array:
-    """Variances (row, col, 3) of the displacements."""
-    return np.asarray(np.diagonal(displacement_covariance(covariance), axis1=-2, axis2=-1))
 
 
 def _shares(sums: Array, shapes: Sequence[ShapeFunction]) -> dict[ShapeFunction, float]:

@@ -21,6 +21,7 @@ __all__ = [
     "MeasuredPoints",
     "derivative",
     "displacement_covariance",
+    "displacement_variances",
     "joint_covariance",
     "points_in_frame",
     "sigma_along",
@@ -78,6 +79,12 @@ def displacement_covariance(joint: Array) -> Array:
     """Covariance (..., 3, 3) of the displacement X' − X from the joint one (..., 6, 6)."""
     across = joint[..., :3, 3:]
     return np.asarray(joint[..., :3, :3] + joint[..., 3:, 3:] - across - np.swapaxes(across, -1, -2))
+
+
+def displacement_variances(joint: Array) -> Array:
+    """Variances (..., 3) of the displacement, the diagonal of :func:`displacement_covariance`."""
+    after, before = np.arange(3), np.arange(3, 6)
+    return np.asarray(joint[..., after, after] + joint[..., before, before] - 2.0 * joint[..., after, before])
 
 
 def sigma_along(covariance: Array, vector: Array) -> Array:

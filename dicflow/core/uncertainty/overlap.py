@@ -62,6 +62,13 @@ class Overlap(NamedTuple):
         )
         return np.asarray((down * across).sum(axis=0))
 
+    def in_window(self, window: tuple[int, ...]) -> Array:
+        """ρ(i, j) for up to so many rows and columns, (rows, cols)."""
+        found, (rows, cols) = np.zeros(window), window
+        down, across = self.down[:, :rows], self.across[:, :cols]
+        found[: down.shape[1], : across.shape[1]] = down.T @ across
+        return found
+
     def variance(self, weights: Array) -> Array:
         """Variances (...) of sums of points with weights (..., row, col), whose errors have unit variance."""
         down, across = (_pairs(lags, side) for lags, side in zip(self, weights.shape[-2:], strict=True))

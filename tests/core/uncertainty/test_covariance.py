@@ -7,6 +7,7 @@ from dicflow.core.uncertainty.covariance import (
     MeasuredPoints,
     derivative,
     displacement_covariance,
+    displacement_variances,
     joint_covariance,
     points_in_frame,
     sigma_along,
@@ -31,7 +32,9 @@ def test_triangles_and_matrices():
 
 
 def test_displacement_sees_only_the_difference_of_the_template_shares():
-    found = displacement_covariance(joint_covariance(AFTER, BEFORE, TEMPLATE))
+    joint = joint_covariance(AFTER, BEFORE, TEMPLATE)
+    found = displacement_covariance(joint)
+    assert np.allclose(displacement_variances(joint), np.diagonal(found, axis1=-2, axis2=-1))
     change = AFTER.sensitivity - BEFORE.sensitivity
     assert np.allclose(
         found, AFTER.step_covariance + BEFORE.step_covariance + change @ TEMPLATE @ np.swapaxes(change, -1, -2)
