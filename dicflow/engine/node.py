@@ -204,7 +204,7 @@ class Node(BaseModel):
     impl_version: ClassVar[int] = 1
     """Raised by hand whenever the same inputs may give other results."""
     is_quick: ClassVar[bool] = False
-    """Whether its tasks are short and need no compiled code, so that the program does them while its workers start."""
+    """Whether its tasks are usually short and need no compiled code; the program does them while its workers start."""
 
     stage: str
     keep: Keep = keeping("auto")

@@ -182,16 +182,19 @@ def why_lost(found: FoundPoints, points: Array, left: Grey, right: Grey, parts: 
     points : (row, col, 2) — in the left photograph that the warps start from; NaN outside the region [px]
     Hidden are points in whose place the right photograph shows something else.
     """
-    status = found.status.copy()
+    status, unexplained = found.status.copy(), np.isin(found.status, (*UNEXPLAINED, Status.BLURRED))
+    if not unexplained.any():
+        return status
+    views = left.astype(np.float32), right.astype(np.float32)
     for part in part_masks(points, parts):
-        lost = part & np.isin(found.status, (*UNEXPLAINED, Status.BLURRED))
+        lost = part & unexplained
         if not lost.any():
             continue
         motion = carried_motion(found, np.where(part[..., None], points, np.nan), points[lost])
         with np.errstate(invalid="ignore"):
             inside = ((motion[..., 0] >= 0.0) & (motion[..., 0] <= np.array(right.shape[::-1]) - 1.0)).all(axis=1)
         known = np.isfinite(motion[:, 0, 0])
-        shown = np.nan_to_num(window_correlations(left, right, points[lost], motion)) >= _SHOWN_CORRELATION
+        shown = np.nan_to_num(window_correlations(*views, points[lost], motion)) >= _SHOWN_CORRELATION
         why = np.where(np.isin(status[lost], _KNOWN_REASONS), status[lost], np.uint8(Status.NO_MATCH))
         why[known & ~shown] = Status.HIDDEN
         why[known & ~inside] = Status.OUTSIDE

@@ -64,6 +64,7 @@ def seed_warps(
     reach_px : longest motion of a pattern that repeats itself; among equal ones the shortest is taken, and
         the matches do not count
     origin : (x, y) — place of the reference photograph's first pixel if it is a part of one as large as the target [px]
+    threads : how many share the windows that are searched for
     Returns (i, j, 2, 3); NaN where unknown.
     """
     warps = np.full((*points.shape, 3), np.nan)

@@ -82,7 +82,7 @@ def displacement_covariance(joint: Array) -> Array:
 
 
 def displacement_variances(joint: Array) -> Array:
-    """Variances (..., 3) of the displacement, the diagonal of :func:`displacement_covariance`."""
+    """Variances (..., 3) of the displacement [mm²], the diagonal of :func:`displacement_covariance`."""
     after, before = np.arange(3), np.arange(3, 6)
     return np.asarray(joint[..., after, after] + joint[..., before, before] - 2.0 * joint[..., after, before])
 

@@ -69,21 +69,21 @@ def test_errors_as_stated_hardly_count_where_half_of_them_is_misfit():
 
 def test_larger_errors_show_on_their_axis():
     scatter = found(surface_of(plain((1.5 * SIGMA_PX, 0.5 * SIGMA_PX))))
-    assert deviations(scatter) == pytest.approx([1.5, 1.0, 1.0], rel=0.1)
-    assert scatter[2].is_as_stated
+    assert deviations(scatter)[0] == pytest.approx(1.5, rel=0.1)
+    assert all(axis.is_as_stated for axis in scatter[1:])
 
 
 def test_smaller_errors_show_as_far_as_misfit_is_stated():
     surface = surface_of(plain((SIGMA_PX, 0.5 * SIGMA_PX)))
     assert deviations(found(surface, misfit_share=1.0))[:2] == pytest.approx([1.0, 0.5], rel=0.15)
-    assert deviations(found(surface, misfit_share=0.5))[1] >= 0.5**0.5 - 1e-9
+    assert deviations(found(surface, misfit_share=0.5))[1] >= 0.5**0.5
     assert found(surface)[1].is_as_stated
 
 
 def test_a_bias_that_is_known_is_no_scatter():
     bias = np.broadcast_to([SIGMA_PX * 1.25**0.5, 0.0, 0.0], (*SHAPE, 3))
     surface = surface_of(plain((1.5 * SIGMA_PX, SIGMA_PX)))
-    assert deviations(found(surface, bias))[0] == pytest.approx(1.0, abs=0.08)
+    assert deviations(found(surface, bias))[0] == pytest.approx(1.0, abs=0.06)
 
 
 def test_no_threshold_decides():
@@ -99,8 +99,9 @@ def test_no_threshold_decides():
 def test_waves_are_no_scatter(length):
     """Of 10 % strain: the widest window does not follow the shorter one, the smallest does."""
     wave = 0.1 * length / (2.0 * np.pi) * np.sin(2.0 * np.pi * STEP * COL / length)
-    scatter = found(surface_of(plain((SIGMA_PX, SIGMA_PX)), wave), misfit_share=0.2)
-    assert deviations(scatter) == pytest.approx([1.0, 1.0, 1.0], abs=0.06)
+    surface = surface_of(plain((SIGMA_PX, SIGMA_PX)), wave)
+    assert all(axis.is_as_stated for axis in found(surface))
+    assert deviations(found(surface, misfit_share=0.2)) == pytest.approx([1.0, 1.0, 1.0], abs=0.06)
 
 
 def test_derivatives_reach_less_far():

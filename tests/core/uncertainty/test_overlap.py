@@ -65,5 +65,6 @@ def test_products_of_weights_by_distance():
     """With the correlation at each distance they give the variance."""
     weights, rho = np.random.default_rng(4).normal(size=(2, 7, 5)), overlap(21, 7)
     products = lag_products(weights)
+    assert rho.in_window((7, 5)) == pytest.approx(rho.at(*np.ogrid[:7, :5]), abs=1e-12)
     assert (products * rho.at(*np.ogrid[:7, :5])).sum(axis=(1, 2)) == pytest.approx(rho.variance(weights), rel=1e-9)
     np.testing.assert_allclose(rho.variance(weights), [rho.variance(one) for one in weights], rtol=1e-12)
