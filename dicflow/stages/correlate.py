@@ -198,11 +198,12 @@ class Correlate(SubsetSearch):
         found = found._replace(status=np.where(lost, before["status"], found.status))
         found, said = (found, {}) if found.valid.any() else _all_lost(found, image.grey)
         shape, threads = searched.search.subset.shape_function, self.thread_count
-        bias, polygons = at_once(
-            threads,
-            partial(self._left_out, searched, shape, first, threads),
-            partial(before.outline, first.outline, found, first.parts),
-        )
+
+        def carried() -> tuple[Sequence[Polygon], dict[str, Any]]:
+            polygons = before.outline(first.outline, found, first.parts)
+            return polygons, self._facts(found, searched.noise, image, polygons)
+
+        bias, (polygons, facts) = at_once(threads, partial(self._left_out, searched, shape, first, threads), carried)
         product = Correlation.write(
             found,
             next_course(course, before["xy"], found.warp[..., 0]),
@@ -211,7 +212,7 @@ class Correlate(SubsetSearch):
             polygons,
             self._grid(shape),
             searched.reference,
-            {**self._facts(found, searched.noise, image, polygons), **before.period_facts, **said},
+            {**facts, **before.period_facts, **said},
         )
         own = found.template_covariance if shape != before.first_shape_function else None
         return Correlation.read(product).with_shape_errors(bias, own, first.parts)
@@ -231,14 +232,19 @@ class Correlate(SubsetSearch):
         from dicflow.core.correlation.material import follow_step, search_again, search_directly
         from dicflow.core.correlation.search import first_photograph
         from dicflow.core.status import Status
+        from dicflow.core.threads import at_once
 
         points = previous.points
         grid = np.where(lost[..., None], np.nan, first.parts.places)
-        reference_step, last = points.reference_step, points.as_reference(previous.image)
         before = noise = points.noise
         search = self._search(before.grey, first, self._usual_shape(points))._replace(reach_px=points.reach_px)
         search = search._replace(jumps=points["status"] == Status.DISCONTINUITY)
-        start = first_photograph(first.image, first.region, grid, search)
+        reference_step = points.reference_step
+        last, start = at_once(
+            self.thread_count,
+            partial(points.as_reference, previous.image),
+            partial(first_photograph, first.image, first.region, grid, search),
+        )
         direct = search_directly(start, reference_step, last, image, search, pairs)
         if not before.is_final:
             noise = self._measured_noise(before, direct.correlation, first, image.grey)

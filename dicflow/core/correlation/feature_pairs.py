@@ -8,6 +8,7 @@ Sciences 2, 2009), so that one of these looks much like the target.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
@@ -59,9 +60,13 @@ class FeatureSearch:
     """
 
     def __init__(self, reference: Grey, target: Grey, points: Array) -> None:
-        self._reference, self._target, self._box = reference, target, _box_around(points, reference.shape)
+        self._reference, self._target, self._points = reference, target, points
         self._after: dict[tuple[str, bool], Features] = {}
         self._found: list[Pairs] = []
+
+    @cached_property
+    def _box(self) -> Box | None:
+        return _box_around(self._points, self._reference.shape)
 
     def __iter__(self) -> Iterator[Pairs]:
         """Matches with false ones among them, one way of finding them after the other."""

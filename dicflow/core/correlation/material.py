@@ -120,8 +120,9 @@ def follow_step(
     expected : (rows, cols, 2) — where points should be by their last known places and motions [px]
     Returns the points, and the reference step for the photograph after the next.
     """
-    previous, shape = direct.previous, direct.target.image.shape
-    found = _classify_lost(judge(first, direct.correlation, search), first, shape, expected, search.parts)
+    previous = direct.previous
+    classified = partial(_classify_lost, first=first, direct=direct, expected=expected, parts=search.parts)
+    found = classified(judge(first, direct.correlation, search))
     if updating.enabled:
         reference_step = None if reference_step is None else reference_step._replace(age=reference_step.age + 1)
         if updating.every_steps and (reference_step is None or reference_step.age >= updating.every_steps):
@@ -129,9 +130,10 @@ def follow_step(
         if _too_many_lost(found, previous, updating):
             candidates = [step for step in (reference_step, previous) if step is not None]
             found, reference_step = _find_via_reference_step(first, candidates, direct, found, search, updating)
+            found = classified(found)
         elif not updating.every_steps:
             reference_step = None
-    return _classify_lost(found, first, shape, expected, search.parts), reference_step
+    return found, reference_step
 
 
 def _starting_warps(
@@ -215,13 +217,15 @@ def _find_lost(
 
 
 def _classify_lost(
-    found: FoundPoints, first: ReferencePhotograph, shape: tuple[int, ...], expected: Array | None, parts: Parts | None
+    found: FoundPoints, first: ReferencePhotograph, direct: DirectSearch, expected: Array | None, parts: Parts | None
 ) -> FoundPoints:
     """The points, with the status OUTSIDE for lost ones that have left the frame.
 
     Their places follow from the points around them, or else are those ``expected``.
     """
     lost = ~found.valid & np.isfinite(first.points).all(axis=-1) & (found.status != Status.CUT_SUBSET)
+    if not lost.any():
+        return found
     place = np.full((int(lost.sum()), 2), np.nan)
     for part in part_masks(first.points, parts):
         here = part[lost]
@@ -229,7 +233,7 @@ def _classify_lost(
     if expected is not None:
         place = np.where(np.isfinite(place), place, expected[lost])
     with np.errstate(invalid="ignore"):
-        outside = ((place < 0.0) | (place > np.array(shape[::-1]) - 1.0)).any(axis=-1)
+        outside = ((place < 0.0) | (place > np.array(direct.target.image.shape[::-1]) - 1.0)).any(axis=-1)
     status = found.status.copy()
     status[lost] = np.where(outside, np.uint8(Status.OUTSIDE), status[lost])
     return found._replace(status=status)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import cv2
@@ -30,6 +31,7 @@ from dicflow.core.photographs.interpolate import Spline, spline
 from dicflow.core.photographs.noise import interpolated_noise_ratio, interpolated_variance
 from dicflow.core.status import Status
 from dicflow.core.tensors import congruent, inverse
+from dicflow.core.threads import at_once
 
 __all__ = [
     "UNEXPLAINED",
@@ -271,7 +273,7 @@ def judge(
 
     Points at edges are lost with the status that says why: MISFIT, UNEVEN_LIGHT or DISCONTINUITY.
     """
-    pair, centres, damping = (correlation.template, correlation.target), correlation.centres, correlation.damping
+    centres, damping = correlation.centres, correlation.damping
     field, edge_variance = _without_edges(correlation, centres - reference.origin, search, usual)
     noise = 0.5 * search.noise**2 * field.covariance
     slope = gradient(field.warp, reference.points - centres)
@@ -281,23 +283,47 @@ def judge(
         inherited = inherited + (damping.template * remaining)[..., None] * noise
     ratio = damping.target * correlation.gain * search.target_noise_ratio**2
     target_noise = ratio * interpolated_noise_ratio(slope, search.degree)
-    covariance, by_misfit = inherited + (target_noise + damping.excess)[..., None] * noise, 0.0 * noise
-    if search.counts_misfit:
-        unit, variance = (
-            0.5 * congruent(inverse(slope), field.covariance),
-            search.noise**2 * (damping.template + target_noise),
-        )
-        common = np.where((edge_variance > 0.0)[..., None, None], np.nan, field.warp)
-        places = centres - reference.origin
-        misfit = misfit_covariance(*pair, places, common, search.subset, unit, variance, search.threads)
-        by_misfit = congruent(slope, misfit)
-        covariance = covariance + by_misfit + congruent(slope, edge_variance[..., None] * np.array([1.0, 0.0, 1.0]))
-    warp = chained(reference.warp, field.warp, centres)
+    by_noise = inherited + (target_noise + damping.excess)[..., None] * noise
+    misfit = partial(_misfit, reference, correlation, field, edge_variance, search, target_noise)
+    in_first = partial(_in_first, reference, field, centres, damping.template * noise)
+    (by_misfit, by_edges), (warp, by_template) = at_once(search.threads, misfit, in_first)
     routes = np.where(field.status == Status.VALID, route, 0).astype(np.uint8)
-    by_template = congruent(inverse(warp[..., 1:3]), damping.template * noise)
     fit = field.znssd, field.iterations, field.status
-    residual = residual_variance(field)
+    covariance, residual = by_noise + by_misfit + by_edges, residual_variance(field)
     return FoundPoints(warp, *fit, covariance, routes, by_template, inherited, slope, residual, by_misfit)
+
+
+def _misfit(
+    reference: ReferencePhotograph,
+    correlation: CorrelatedField,
+    field: Field,
+    edge_variance: Array,
+    search: Search,
+    target_noise: Array,
+) -> tuple[Array, Array]:
+    """Covariances (rows, cols, 3) of the places by misfit and by edges nearby [px²]; 0 where these do not count.
+
+    field : without the subsets at edges; edge_variance : (rows, cols) — of those near them [px²]
+    target_noise : (rows, cols) — variance by the noise of the target, over that by the template's
+    """
+    if not search.counts_misfit:
+        return 0.0 * field.covariance, 0.0 * field.covariance
+    slope, damping = gradient(field.warp, reference.points - correlation.centres), correlation.damping
+    unit = 0.5 * congruent(inverse(slope), field.covariance)
+    variance = search.noise**2 * (damping.template + target_noise)
+    common = np.where((edge_variance > 0.0)[..., None, None], np.nan, field.warp)
+    pair, places = (correlation.template, correlation.target), correlation.centres - reference.origin
+    misfit = misfit_covariance(*pair, places, common, search.subset, unit, variance, search.threads)
+    return congruent(slope, misfit), congruent(slope, edge_variance[..., None] * np.array([1.0, 0.0, 1.0]))
+
+
+def _in_first(reference: ReferencePhotograph, field: Field, centres: Array, by_template: Array) -> tuple[Array, Array]:
+    """Warps (rows, cols, 2, m) from the first photograph, and the covariance of its own noise (rows, cols, 3) [px²].
+
+    by_template : (rows, cols, 3) — covariance of the places by the noise of the template [px²]
+    """
+    warp = chained(reference.warp, field.warp, centres)
+    return warp, congruent(inverse(warp[..., 1:3]), by_template)
 
 
 def _without_edges(correlation: CorrelatedField, places: Array, search: Search, usual: float) -> tuple[Field, Array]:

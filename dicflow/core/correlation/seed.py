@@ -9,6 +9,7 @@ motion, and its gradient, from scattered places to the grid.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import partial
 from itertools import islice
 
 import cv2
@@ -21,12 +22,15 @@ from dicflow.core.matching.fft_search import fft_matches
 from dicflow.core.matching.pairs import agreeing_matches, local_motion
 from dicflow.core.nearest import nearest
 from dicflow.core.parts import Parts, islands
+from dicflow.core.threads import over
 
 __all__ = ["Pairs", "epipolar_pairs", "feature_pairs", "seed_warps", "window_correlation", "window_correlations"]
 
 
 CELL_PX = 12.0
 """Side of the cells of which each keeps one pair: close pairs give noisy gradients [px]."""
+SHARE_OF_DISTANCE = 0.2
+"""Side of larger cells, whose subsets share a motion, over the distance of pairs: between these it is not known."""
 MAX_REACH = 2.0
 """Largest distance of a point from a pair, over the usual distance of a pair from its farthest neighbour in use."""
 SAMPLED_POINTS = 150
@@ -64,7 +68,7 @@ def seed_warps(
     reach_px : longest motion of a pattern that repeats itself; among equal ones the shortest is taken, and
         the matches do not count
     origin : (x, y) — place of the reference photograph's first pixel if it is a part of one as large as the target [px]
-    threads : how many share the windows that are searched for
+    threads : how many share the windows and places
     Returns (i, j, 2, 3); NaN where unknown.
     """
     warps = np.full((*points.shape, 3), np.nan)
@@ -81,7 +85,7 @@ def seed_warps(
             else _candidate_warps(*images, points, in_part, matches, features, origin, threads)
         )
         for guess in guesses:
-            score = window_correlation(*images, points[in_part], guess)
+            score = window_correlation(*images, points[in_part], guess, threads)
             if score > best:
                 best, warps[in_part] = score, guess
             if best >= ACCEPTED_CORRELATION:
@@ -101,16 +105,16 @@ def _candidate_warps(
 ) -> Iterator[Array]:
     """Warps (n, 2, 3) of the points of one part, from one source after the other."""
     centres = points[in_part]
+    by_pairs = partial(_warps_from_pairs, centres=centres, threads=threads)
     if matches is not None:
-        yield _warps_from_pairs(_pairs_of_part(matches, points, in_part), centres)
+        yield by_pairs(_pairs_of_part(matches, points, in_part))
     yield identity(centres + origin)
     footprint = _footprint(points, in_part, reference.shape)
-    yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint, threads=threads)), centres)
-    separately = fft_matches(reference, target, footprint, separate_windows=True, threads=threads)
-    yield _warps_from_pairs(Pairs(*separately), centres)
+    yield by_pairs(Pairs(*fft_matches(reference, target, footprint, threads=threads)))
+    yield by_pairs(Pairs(*fft_matches(reference, target, footprint, separate_windows=True, threads=threads)))
     thorough = in_part.sum() >= MIN_SEARCHED_SHARE * np.isfinite(points[..., 0]).sum()
     for found in features if thorough else islice(features, 1):
-        yield _warps_from_pairs(_pairs_of_part(found, points, in_part), centres)
+        yield by_pairs(_pairs_of_part(found, points, in_part))
 
 
 def _square(image: Grey, centre: tuple[int, int], half: int) -> Grey | None:
@@ -144,7 +148,7 @@ def _nearby_warps(reference: Grey, target: Grey, centres: Array, reach_px: float
     return _warps_from_pairs(Pairs(pairs.source[keep], pairs.target[keep]), centres)
 
 
-def window_correlation(reference: Grey, target: Grey, centres: Array, warps: Array) -> float:
+def window_correlation(reference: Grey, target: Grey, centres: Array, warps: Array, threads: int = 1) -> float:
     """Median correlation, −1 … 1, of small windows around points with those where warps put them.
 
     centres : (n, 2) [px]; warps : (n, 2, 3) — NaN where unknown
@@ -154,21 +158,22 @@ def window_correlation(reference: Grey, target: Grey, centres: Array, warps: Arr
     chosen = known[np.linspace(0, len(known) - 1, min(SAMPLED_POINTS, len(known))).astype(int)]
     if len(chosen) == 0:
         return -1.0
-    found = window_correlations(reference, target, centres[chosen], warps[chosen])
+    found = window_correlations(reference, target, centres[chosen], warps[chosen], threads)
     seen = np.isfinite(found)
     return float(np.median(found[seen])) if seen.mean() >= 0.1 else -1.0
 
 
-def window_correlations(reference: Grey, target: Grey, centres: Array, warps: Array) -> Array:
+def window_correlations(reference: Grey, target: Grey, centres: Array, warps: Array, threads: int = 1) -> Array:
     """Correlations (n,), −1 … 1, of small windows around points with those where warps put them, both smoothed.
 
-    centres : (n, 2) [px]; warps : (n, 2, 3)
+    centres : (n, 2) [px]; warps : (n, 2, 3); threads : how many share the windows
     NaN for windows of which less than half lies in both images.
     """
     views = np.asarray(reference, dtype=np.float32), np.asarray(target, dtype=np.float32)
-    steps = range(0, len(centres), WINDOWS_AT_ONCE)
-    parts = [slice(begin, begin + WINDOWS_AT_ONCE) for begin in steps]
-    return np.concatenate([np.empty(0), *(_of_windows(*views, centres[part], warps[part]) for part in parts)])
+    at_once = min(WINDOWS_AT_ONCE, max(1, -(-len(centres) // threads)))
+    parts = [slice(begin, begin + at_once) for begin in range(0, len(centres), at_once)]
+    found = over(threads, lambda part: _of_windows(*views, centres[part], warps[part]), parts)
+    return np.concatenate([np.empty(0), *found])
 
 
 def _of_windows(reference: Grey, target: Grey, centres: Array, warps: Array) -> Array:
@@ -220,35 +225,41 @@ def _pairs_of_part(pairs: Pairs, points: Array, in_part: Mask) -> Pairs:
     return Pairs(source[keep], target[keep])
 
 
-def _warps_from_pairs(pairs: Pairs, centres: Array) -> Array:
+def _warps_from_pairs(pairs: Pairs, centres: Array, threads: int = 1) -> Array:
     """Warps (n, 2, 3) of subsets at centres (n, 2), from the pairs around them; NaN where these are too far away.
 
-    Of close centres one gives the motion of all: it is affine there.
+    Of close centres one gives the motion of all: it is affine there. threads : how many share the centres
     """
-    kept, _ = _one_per_cell(pairs.source)
+    kept, _ = _one_per_cell(pairs.source, CELL_PX)
     pairs = Pairs(pairs.source[kept], pairs.target[kept])
     if len(pairs.source) < MIN_PAIRS:
         return np.full((len(centres), 2, 3), np.nan)
-    chosen, cell = _one_per_cell(centres)
+    distances = np.median(nearest(pairs.source, pairs.source, min(len(pairs.source), 24))[0], axis=0)
+    reach = MAX_REACH * float(distances[-1])
+    chosen, cell = _one_per_cell(centres, max(CELL_PX, SHARE_OF_DISTANCE * float(distances[1])))
     some = centres[chosen]
-    warps = warp_from_gradient(*local_motion(*pairs, some))
-    neighbours = min(len(pairs.source), 24)
-    usual_distance = float(np.median(nearest(pairs.source, pairs.source, neighbours)[0][:, -1]))
-    warps[nearest(pairs.source, some)[0][:, 0] > MAX_REACH * usual_distance] = np.nan
+    warps = np.concatenate(over(threads, partial(_warps_within, pairs, reach), np.array_split(some, threads)))
     return recentred(warps[cell], centres - some[cell])
 
 
-def _one_per_cell(places: Array) -> tuple[Index, Index]:
-    """The first of the places (n, 2) in each cell, and the cell of each place."""
-    column, row = np.floor(places / CELL_PX).astype(np.int64).T
+def _warps_within(pairs: Pairs, reach: float, centres: Array) -> Array:
+    """Warps (n, 2, 3) of subsets at centres (n, 2); NaN for those farther than so much from all pairs [px]."""
+    warps = warp_from_gradient(*local_motion(*pairs, centres))
+    warps[nearest(pairs.source, centres)[0][:, 0] > reach] = np.nan
+    return warps
+
+
+def _one_per_cell(places: Array, side_px: float) -> tuple[Index, Index]:
+    """The first of the places (n, 2) in each cell with such a side, and the cell of each place."""
+    column, row = np.floor(places / side_px).astype(np.int64).T
     _, first, cell = np.unique((column << 32) + row, return_index=True, return_inverse=True)
     return first, cell
 
 
 def _spacing(points: Array) -> float:
     """Median distance of neighbours on a grid [px]."""
-    steps = [np.linalg.norm(np.diff(points, axis=axis), axis=-1).ravel() for axis in (0, 1)]
-    known = np.concatenate(steps)
+    steps = (np.moveaxis(np.diff(points, axis=axis), -1, 0) for axis in (0, 1))
+    known = np.concatenate([np.hypot(*step).ravel() for step in steps])
     known = known[np.isfinite(known)]
     return float(np.median(known)) if len(known) else float(HALF_WINDOW_PX)
 

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from dicflow.core.arrays import Array, Grey, Mask
+from dicflow.core.photographs.autocorrelation import autocorrelation, overlap
 
 __all__ = ["Repetition", "repetition"]
 
@@ -76,9 +77,10 @@ def _examine(grey: Array, inside: Array) -> tuple[float, float]:
     """The period of a block [px], NaN without one; and 1 for stripes, else 0."""
     side = max(3, max(grey.shape) // 2)
     mean = cv2.blur(grey * inside, (side, side)) / np.maximum(cv2.blur(inside, (side, side)), 1e-9)
-    correlation, overlap = _autocorrelation((grey - mean) * inside), _autocorrelation(inside)
-    enough = overlap >= _MIN_OVERLAP * inside.sum()
-    correlation = np.where(enough, correlation / np.maximum(overlap, 1.0), 0.0)
+    half = grey.shape[0] // 2, grey.shape[1] // 2
+    correlation, common = autocorrelation((grey - mean) * inside, half), overlap(inside, half)
+    enough = common >= _MIN_OVERLAP * inside.sum()
+    correlation = np.where(enough, correlation / np.maximum(common, 1.0), 0.0)
     middle = tuple(size // 2 for size in correlation.shape)
     scale = max(correlation[middle[0] + i, middle[1] + j] for i, j in ((0, 1), (1, 0)))
     if not scale > 0.0:
@@ -89,12 +91,12 @@ def _examine(grey: Array, inside: Array) -> tuple[float, float]:
     shift = np.hypot(*np.meshgrid(*(np.arange(size) - size // 2 for size in correlation.shape), indexing="ij"))
     along = in_main & (shift > _STRIPE_REACH * shift[enough].max())
     is_striped = along.any() and correlation[along].max() > _MIN_STRIPE
-    return _period(np.where(in_main | ~enough, 0.0, correlation), overlap, in_main, shift), float(is_striped)
+    return _period(np.where(in_main | ~enough, 0.0, correlation), common, in_main, shift), float(is_striped)
 
 
-def _period(beside: Array, overlap: Array, in_main: Mask, shift: Array) -> float:
+def _period(beside: Array, common: Array, in_main: Mask, shift: Array) -> float:
     """The period [px] by the peaks of the autocorrelation beside the main one, for shifts [px]; NaN without any."""
-    independent = overlap / max(1.0, float(in_main.sum()))
+    independent = common / max(1.0, float(in_main.sum()))
     high = (beside > _MIN_PEAK) & (beside * np.sqrt(np.maximum(independent, 0.0)) > _MIN_SIGNIFICANCE)
     if not high.any():
         return float("nan")
@@ -103,13 +105,3 @@ def _period(beside: Array, overlap: Array, in_main: Mask, shift: Array) -> float
     )  # the highest of these is a peak, even beside a higher one that is not significant
     is_peak = high & (kept >= _EQUAL_PEAKS * kept.max()) & (kept == cv2.dilate(kept, np.ones((3, 3), dtype=np.uint8)))
     return float(shift[is_peak].min())
-
-
-def _autocorrelation(values: Array) -> Array:
-    """Σ v(x) v(x + shift) over the pixels, for shifts up to half the size each way; zero shift in the middle."""
-    half = [size // 2 for size in values.shape]
-    shape = [cv2.getOptimalDFTSize(size + reach) for size, reach in zip(values.shape, half, strict=True)]
-    spectrum = np.fft.rfft2(values, shape)
-    whole = np.fft.irfft2(spectrum.real**2 + spectrum.imag**2, shape)
-    rows, cols = (np.arange(-reach, reach + 1) for reach in half)
-    return np.asarray(whole[np.ix_(rows, cols)])

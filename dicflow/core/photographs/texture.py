@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from dicflow.core.arrays import Array, Grey, Image, Mask
+from dicflow.core.photographs.autocorrelation import autocorrelation, overlap
 
 __all__ = [
     "MIN_TEXTURE",
@@ -116,17 +117,11 @@ def _fullest_window(mask: Mask) -> tuple[slice, slice]:
 
 def _autocorrelation_profile(pattern: Image, inside: Image, reach: int) -> Array:
     """Mean autocorrelation of a pattern inside a mask, both (rows, cols), at shifts of 0 … reach − 1 px."""
-    correlation = _autocorrelation(pattern, reach) / np.maximum(_autocorrelation(inside, reach), 1.0)
+    shifts = reach - 1, reach - 1
+    correlation = autocorrelation(pattern, shifts) / np.maximum(overlap(inside, shifts), 1.0)
     shift = np.rint(np.hypot(*np.meshgrid(np.arange(reach), np.arange(reach)))).astype(int).ravel()
-    total, count = np.bincount(shift, correlation.ravel()), np.bincount(shift)
+    total, count = np.bincount(shift, correlation[-reach:, -reach:].ravel()), np.bincount(shift)
     return np.asarray((total / count)[:reach])
-
-
-def _autocorrelation(values: Image, reach: int) -> Array:
-    """Σ v(x) v(x + lag) over the pixels, for lags 0 … reach − 1 along rows and columns."""
-    shape = [cv2.getOptimalDFTSize(side + reach) for side in values.shape]
-    spectrum = np.fft.rfft2(values, shape)
-    return np.asarray(np.fft.irfft2(spectrum.real**2 + spectrum.imag**2, shape)[:reach, :reach], dtype=np.float64)
 
 
 def texture(image: Grey, window_px: int = 32) -> Texture:
