@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from dicflow.core.arrays import Array, Index
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, KERNEL
 
 __all__ = ["nearest"]
 
@@ -32,7 +32,7 @@ def nearest(places: Array | Index, points: Array | Index, count: int = 1) -> tup
     return distance, index
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _find_nearest(places: Array, points: Array, distance: Array, index: Index) -> None:
     """The loop of :func:`nearest`: cells in growing squares around a point, until what they leave out is farther."""
     if len(places) == 0:

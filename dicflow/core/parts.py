@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from dicflow.core.arrays import Array, Counts, Mask
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, KERNEL
 
 __all__ = ["Parts", "are_apart", "beside_borders", "cut_segments", "grid_parts", "islands", "sees", "single_part"]
 
@@ -81,7 +81,7 @@ def sees(place: Array, others: Array, cuts: Array) -> Mask:
     return np.asarray(~_crossed(np.broadcast_to(place, flat.shape).copy(), flat, cuts).reshape(others.shape[:-1]))
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@njit(forceinline=True, **KERNEL)
 def are_apart(parts: Parts, i: int, j: int, a: int, b: int) -> bool:
     """Whether the points at (i, j) and (a, b) of the grid belong to different parts, or to different sides of a cut."""
     if parts.number[i, j] != parts.number[a, b]:
@@ -100,7 +100,7 @@ def beside_borders(parts: Parts) -> Mask:
     return beside
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _mark_borders(parts: Parts, beside: Mask) -> None:
     rows, cols = parts.number.shape
     for i in range(rows):
@@ -112,7 +112,7 @@ def _mark_borders(parts: Parts, beside: Mask) -> None:
                     beside[i, j] = beside[a, b] = True
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _crossed(start: Array, end: Array, cuts: Array) -> Mask:
     """Which of the straight lines from start (n, 2) to end (n, 2) a cut crosses."""
     crossed = np.zeros(len(start), dtype=np.bool_)

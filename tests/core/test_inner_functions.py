@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import pkgutil
 from collections.abc import Iterator
+from pathlib import Path
 
 from numba.core.registry import CPUDispatcher
 
@@ -30,3 +32,58 @@ def test_what_a_kernel_calls_is_inlined():
                 calls += 1
                 assert names[name].targetoptions.get("forceinline"), f"{kernel.py_func.__name__} calls {name}"
     assert calls > 50
+
+
+def test_python_does_not_call_what_has_no_entrance():
+    package = Path(dicflow.__file__).parent
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in package.rglob("*.py")}
+    inner = {_module(path, package): _inner_functions(tree) for path, tree in trees.items()}
+    assert sum(len(names) for names in inner.values()) > 80
+    for path, tree in trees.items():
+        seen = inner[_module(path, package)] | _imported(tree, inner)
+        assert not seen & _called_by_python(tree), path
+
+
+def test_a_call_by_python_is_seen():
+    tree = ast.parse("""
+@njit(error_model="numpy", **INNER)
+def inner(): ...
+@njit(**KERNEL)
+def kernel(): inner()
+def outer(): kernel()
+class One:
+    def of_class(self): return [inner() for _ in "ab"]
+""")
+    assert _inner_functions(tree) == {"inner"}
+    assert _called_by_python(tree) & {"inner", "kernel"} == {"inner", "kernel"}
+
+
+def _module(path: Path, package: Path) -> str:
+    return ".".join(path.relative_to(package.parent).with_suffix("").parts)
+
+
+def _is_compiled(node: ast.AST) -> bool:
+    return isinstance(node, ast.FunctionDef) and any("njit" in ast.unparse(part) for part in node.decorator_list)
+
+
+def _inner_functions(tree: ast.Module) -> set[str]:
+    """Functions of a module without an entrance from Python."""
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    return {node.name for node in functions if any("INNER" in ast.unparse(part) for part in node.decorator_list)}
+
+
+def _imported(tree: ast.Module, inner: dict[str, set[str]]) -> set[str]:
+    """Those of other modules that a module imports, anywhere."""
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module in inner]
+    return {alias.name for node in imports for alias in node.names if alias.name in inner[str(node.module)]}
+
+
+def _called_by_python(tree: ast.AST) -> set[str]:
+    """Names that are called outside compiled functions."""
+    found: set[str] = set()
+    for node in ast.iter_child_nodes(tree):
+        if not _is_compiled(node):
+            found |= _called_by_python(node)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            found.add(node.func.id)
+    return found

@@ -21,7 +21,7 @@ from dicflow.core.correlation.neighbours import Prediction, disagreeing, influen
 from dicflow.core.correlation.subsets import Correlated, Subset, correlate
 from dicflow.core.correlation.template import Template
 from dicflow.core.correlation.warp import TERMS, recentred
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, KERNEL
 from dicflow.core.nearest import nearest
 from dicflow.core.parts import Parts, are_apart, single_part
 from dicflow.core.photographs.interpolate import Spline
@@ -261,7 +261,7 @@ def _dilated(mask: Mask) -> Mask:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), dtype=np.uint8)) > 0, dtype=np.bool_)
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _predict_warps(
     points: Index, status: Codes, warp: Array, grid: Array, znssd: Array, stride: int, parts: Parts, out: Array
 ) -> None:

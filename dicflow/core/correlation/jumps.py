@@ -19,7 +19,7 @@ from dicflow.core.correlation.edges import Edges
 from dicflow.core.correlation.follow import Field, sigma_by_residual
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.warp import set_recentred
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, KERNEL
 from dicflow.core.medians import median
 from dicflow.core.parts import Parts, are_apart
 from dicflow.core.status import Status
@@ -141,7 +141,7 @@ def predicted_by_sides(points: Index, status: Codes, warp: Array, grid: Array, p
     return found
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _compare(
     points: Index, status: Codes, warp: Array, grid: Array, parts: Parts, reach: int, place: Array, spread: Array
 ) -> None:

@@ -12,7 +12,7 @@ from numba import njit
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.cholesky import factorise, solve
 from dicflow.core.correlation.residuals import Residuals
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, KERNEL
 from dicflow.core.photographs.interpolate import FAST_MATH
 
 __all__ = ["light_shift"]
@@ -36,7 +36,7 @@ def light_shift(fit: Residuals, near: Mask, size: int) -> tuple[Array, Array]:
     return shift, share
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **KERNEL)
 def _fit_light(fit: Residuals, near: Index, half: int, shift: Array, share: Array) -> None:
     """The loop of :func:`light_shift` over subsets."""
     count = _LIGHT + 2 * fit.terms

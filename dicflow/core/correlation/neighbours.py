@@ -17,7 +17,7 @@ from numba import njit
 
 from dicflow.core.arrays import Array, Codes, Index, Mask
 from dicflow.core.correlation.warp import set_recentred
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, KERNEL
 from dicflow.core.medians import median
 from dicflow.core.parts import Parts, are_apart
 from dicflow.core.status import Status
@@ -83,7 +83,7 @@ def disagreeing(place: Array, sigma: Array, predicted: Prediction) -> Mask:
     return np.asarray((away > allowed).any(axis=1))
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _take_medians(
     points: Index, status: Codes, warp: Array, grid: Array, parts: Parts, out: Array, spread: Array
 ) -> None:

@@ -30,7 +30,7 @@ from dicflow.core.correlation.template import (
     shows_measured,
 )
 from dicflow.core.correlation.warp import TERMS
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, KERNEL
 from dicflow.core.photographs.interpolate import FAST_MATH, Spline
 
 __all__ = ["Residuals", "residuals"]
@@ -67,7 +67,7 @@ def residuals(reference: Template, target: Spline, centres: Index, warp: Array, 
     return found
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **KERNEL)
 def _compare(
     reference: Template,
     target: tuple[Image, Mask, int],

@@ -12,7 +12,6 @@ of σ grey levels in both photographs (Pan et al., Optics Express 16, 2008).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -42,7 +41,7 @@ from dicflow.core.correlation.template import (
     shows_measured,
 )
 from dicflow.core.correlation.warp import TERMS, identity
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, KERNEL
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 from dicflow.core.threads import over
@@ -57,6 +56,7 @@ _MIN_MEASURED_SHARE = 0.25
 _MAX_SELECTIONS, _MAX_SHIFT_PX = 4, 0.1
 """How often the pixels that are measured in the target are selected, and the shift of the place up to which they stay
 as they are [px]."""
+_NO_COEFFICIENTS = np.zeros((0, 0), dtype=np.float32)
 _VALID, _LOW_TEXTURE, _NOT_CONVERGED = int(Status.VALID), int(Status.LOW_TEXTURE), int(Status.NOT_CONVERGED)
 _CUT_SUBSET, _OVEREXPOSED = int(Status.CUT_SUBSET), int(Status.OVEREXPOSED)
 
@@ -133,18 +133,9 @@ def correlate(
         raise ValueError(
             f"starts have the shape {start.shape}; {len(centres)} {subset.shape_function} warps need {needed}"
         )
-    found, photograph = _untracked(start), (target.coefficients, kernel_mask(target.measured))
-    whole_pixels, weight, control = (
-        centres.astype(np.int64),
-        pixel_weights(subset),
-        _control(subset, target.degree, contraction),
-    )
-
-    def correlate_chunk(chunk: slice) -> None:
-        results = Correlated._make(field[chunk] for field in found)
-        _correlate(reference, photograph, whole_pixels[chunk], start[chunk], weight, control, results)
-
-    _share(correlate_chunk, len(centres), threads)
+    found, photograph = _unsearched(start, Status.UNTRACKED), (target.coefficients, kernel_mask(target.measured))
+    control = _control(subset, target.degree, contraction)
+    _complete(found, reference, photograph, centres, start, pixel_weights(subset), control, threads)
     return found
 
 
@@ -160,16 +151,30 @@ def describe(
     """
     _check_size(subset)
     start = identity(centres, subset.shape_function)  # type: ignore[arg-type]
-    found, counts = _untracked(start), kernel_mask(measured)
-    whole_pixels, weight, control = centres.astype(np.int64), pixel_weights(subset), _control(subset, 0, 1.0)
-
-    def describe_chunk(chunk: slice) -> None:
-        results = Correlated._make(field[chunk] for field in found)
-        _describe(reference, counts, whole_pixels[chunk], weight, control, results)
-
-    _share(describe_chunk, len(centres), threads)
-    found.warp[found.status == Status.VALID] = start[found.status == Status.VALID]
+    found, target = _unsearched(start, Status.VALID), (_NO_COEFFICIENTS, kernel_mask(measured))
+    _complete(found, reference, target, centres, start, pixel_weights(subset), _control(subset, 0, 1.0), threads)
+    found.znssd[found.status == Status.VALID] = 0.0
     return found
+
+
+def _complete(
+    found: Correlated,
+    reference: Template,
+    target: tuple[Image, Mask],
+    centres: Array,
+    start: Array,
+    weight: Image,
+    control: Control,
+    threads: int,
+) -> None:
+    """Let so many threads do :func:`_correlate`, each for some subsets at a time."""
+    whole_pixels = centres.astype(np.int64)
+
+    def correlate_chunk(chunk: slice) -> None:
+        results = Correlated._make(field[chunk] for field in found)
+        _correlate(reference, target, whole_pixels[chunk], start[chunk], weight, control, results)
+
+    over(threads, correlate_chunk, (slice(first, first + _CHUNK) for first in range(0, len(centres), _CHUNK)))
 
 
 def _check_size(subset: Subset) -> None:
@@ -189,18 +194,14 @@ def _control(subset: Subset, degree: int, contraction: float) -> Control:
     )
 
 
-def _share(work: Callable[[slice], None], n: int, threads: int) -> None:
-    """Do a work on n subsets, some at a time, in so many threads."""
-    over(threads, work, (slice(first, first + _CHUNK) for first in range(0, n, _CHUNK)))
-
-
-def _untracked(start: Array) -> Correlated:
+def _unsearched(start: Array, status: Status) -> Correlated:
+    """Subsets of which nothing is known but a status."""
     n = len(start)
     return Correlated(
         np.full(start.shape, np.nan),
         np.full(n, np.nan),
         np.zeros(n, dtype=np.int16),
-        np.full(n, Status.UNTRACKED, dtype=np.uint8),
+        np.full(n, status, dtype=np.uint8),
         np.full((n, 3), np.nan),
         np.full(n, np.nan),
         np.full((n, 2), np.nan),
@@ -245,7 +246,7 @@ def _working_space(weight: Image, terms: int) -> _Work:
     return _Work(whole, cut, new_places(room), normal, ones_like_f, np.empty((size, size), dtype=np.uint8))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **KERNEL)
 def _correlate(
     reference: Template,
     target: tuple[Image, Mask],
@@ -255,36 +256,36 @@ def _correlate(
     control: Control,
     found: Correlated,
 ) -> None:
-    """The loop of :func:`correlate` over points, which share one working space.
+    """The loop of :func:`correlate` and :func:`describe` over points, which share one working space.
 
     target : coefficients of its spline, and its measured pixels (rows, cols); an empty mask if all are
+    found : subsets that are VALID already are not searched for, they lie where they start
 
     The warp decides which pixels are measured in the target too. They are selected again until the place settles.
     """
     coefficients, measured = target
-    size, half, c = len(weight), len(weight) // 2, np.zeros((2, 6))
-    whole, cut, places, normal, ones_like_f, marks = _working_space(weight, start.shape[2])
+    half, c = len(weight) // 2, np.zeros((2, 6))
+    work = _working_space(weight, start.shape[2])
     for k in range(len(centres)):
         if not _is_known(start[k]):
             continue
         _copy_coefficients(c, start[k])
         row, col = centres[k, 1], centres[k, 0]
-        settled = False
+        is_found, settled = found.status[k] == _VALID, False
         for _ in range(_MAX_SELECTIONS):
             x, y = c[0, 0], c[1, 0]
             is_clear = measured.size == 0 or shows_measured(measured, c, half)
-            p, n = whole, size * size
-            if not (is_clear and _copy_whole(reference, row, col, size, p)):
-                p = cut
-                n, found.status[k] = _select(reference, measured, (row, col), weight, control, cut, marks, c)
-                if n == 0:
-                    break
-            if not prepare(p, n, ones_like_f, normal):
+            is_whole, n, found.status[k] = _collect(reference, measured, is_clear, (row, col), weight, control, work, c)
+            if n == 0:
+                break
+            p = work.whole if is_whole else work.cut
+            if not prepare(p, n, work.ones_like_f, work.normal):
                 found.status[k] = _LOW_TEXTURE
                 break
-            found.status[k], found.iterations[k], found.znssd[k], found.contraction[k] = iterate(
-                coefficients, p, n, half, normal, control, places, c
-            )
+            if not is_found:
+                found.status[k], found.iterations[k], found.znssd[k], found.contraction[k] = iterate(
+                    coefficients, p, n, half, work.normal, control, work.places, c
+                )
             shift = abs(c[0, 0] - x) + abs(c[1, 0] - y)
             settled = measured.size == 0 or shift < (CLEAR_MARGIN_PX if is_clear else _MAX_SHIFT_PX)
             if settled or found.status[k] != _VALID:
@@ -293,35 +294,29 @@ def _correlate(
             found.status[k] = _NOT_CONVERGED
         if found.status[k] == _VALID:
             _copy_coefficients(found.warp[k], c)
-            _set_uncertainty(p, n, ones_like_f, normal, control, c, found, k)
+            _set_uncertainty(p, n, work.ones_like_f, work.normal, control, c, found, k)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _describe(
-    reference: Template, measured: Mask, centres: Index, weight: Image, control: Control, found: Correlated
-) -> None:
-    """The loop of :func:`describe` over points, which share one working space.
+@njit(error_model="numpy", **INNER)
+def _collect(
+    reference: Template,
+    measured: Mask,
+    is_clear: bool,
+    centre: tuple[int, int],
+    weight: Image,
+    control: Control,
+    work: _Work,
+    c: Array,
+) -> tuple[bool, int, int]:
+    """Collect the pixels of the subset around (row, column): whether it is whole, their number, and its status.
 
-    measured : pixels (rows, cols) that are; an empty mask if all are
+    is_clear : whether all pixels around it in the target are measured
+    Without any pixel the status says why.
     """
-    size, half, c = len(weight), len(weight) // 2, np.zeros((2, 6))
-    whole, cut, _, normal, ones_like_f, marks = _working_space(weight, found.warp.shape[2])
-    c[0, 1] = c[1, 2] = 1.0
-    for k in range(len(centres)):
-        row, col = centres[k, 1], centres[k, 0]
-        c[0, 0], c[1, 0] = col, row
-        is_clear = measured.size == 0 or shows_measured(measured, c, half)
-        p, n = whole, size * size
-        if not (is_clear and _copy_whole(reference, row, col, size, p)):
-            p = cut
-            n, found.status[k] = _select(reference, measured, (row, col), weight, control, cut, marks, c)
-            if n == 0:
-                continue
-        if not prepare(p, n, ones_like_f, normal):
-            found.status[k] = _LOW_TEXTURE
-            continue
-        found.status[k], found.znssd[k] = _VALID, 0.0
-        _set_uncertainty(p, n, ones_like_f, normal, control, c, found, k)
+    if is_clear and _copy_whole(reference, centre[0], centre[1], len(weight), work.whole):
+        return True, weight.size, _VALID
+    n, status = _select(reference, measured, centre, weight, control, work.cut, work.marks, c)
+    return False, n, status
 
 
 @njit(error_model="numpy", **INNER)

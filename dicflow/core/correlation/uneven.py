@@ -20,7 +20,7 @@ from numba import njit
 
 from dicflow.core.arrays import Array, Image, Index, Mask
 from dicflow.core.correlation.residuals import Residuals
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, KERNEL
 from dicflow.core.photographs.interpolate import FAST_MATH
 
 __all__ = ["uneven_variance"]
@@ -88,7 +88,7 @@ _LANES = 64
 """Systems of equations that are solved side by side: one without each part, and that of all pixels."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **KERNEL)
 def _spread(fit: Residuals, pixels: Index, half: int, cells: Index, groups: Index, spread: Array) -> None:
     """The loop of :func:`uneven_variance` over subsets.
 

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.kernels import KERNEL
 from dicflow.core.matching.features import Descriptors, Features
 from dicflow.core.matching.transform import MINIMUM_PAIRS, apply_transform, msac
 from dicflow.core.nearest import nearest
@@ -178,7 +179,7 @@ def _neighbours(source: Array, points: Array, seen: Seen | None) -> tuple[Array,
     return np.where(counts, distance, farthest) + 0.0 * farthest, near
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _moments(places: Array, motions: Array, near: Index, weight: Array) -> tuple[Array, Array, Array, Array]:
     """Weighted moments of the neighbours of n points.
 

@@ -14,6 +14,7 @@ from numba import njit
 from scipy.spatial import cKDTree
 
 from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.kernels import KERNEL
 from dicflow.core.matching.features import Features
 from dicflow.core.matching.pairs import Seen
 from dicflow.core.matching.steps import Matching, Sight, match_steps
@@ -330,7 +331,7 @@ def _apart(parts: Parts, some: Index, others: Index) -> Mask:
     return np.asarray(_are_apart(parts, one, other).reshape(some.shape[:-1]))
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _are_apart(parts: Parts, some: Index, others: Index) -> Mask:
     """:func:`_apart` for row and column (n, 2)."""
     found = np.zeros(len(some), dtype=np.bool_)

@@ -10,7 +10,7 @@ from numba import njit
 from scipy.ndimage import spline_filter
 
 from dicflow.core.arrays import Array, Grey, Image
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, KERNEL
 
 __all__ = ["Refinable", "RefinedMatches", "refinable", "refine_matches"]
 
@@ -135,7 +135,7 @@ def _slopes_of_difference(g: Array, scale: float, f: Array, fx: Array, fy: Array
     return bx, by
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _refine(
     image: Image, coefficients: Image, start: Array, moved: Array, gradient: Array, half: int, limit: float
 ) -> tuple[Array, Array]:

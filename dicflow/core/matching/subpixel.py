@@ -15,6 +15,7 @@ from numba import njit
 from scipy.ndimage import spline_filter1d
 
 from dicflow.core.arrays import Image, Mask
+from dicflow.core.kernels import KERNEL
 
 __all__ = ["RefinedDisparity", "refine_disparity"]
 
@@ -90,7 +91,7 @@ def _box(image: Image, window_px: int) -> Image:
     return np.asarray(cv2.blur(image, (window_px, window_px), borderType=cv2.BORDER_CONSTANT))
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _warp_rows(coefficients: Image, disparity: Image) -> tuple[Image, Image]:
     """Cubic B-spline and its derivative along x at x − disparity in every row; NaN outside the image."""
     rows, cols = disparity.shape

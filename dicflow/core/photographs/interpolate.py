@@ -15,7 +15,7 @@ import numpy.typing as npt
 from numba import njit
 
 from dicflow.core.arrays import Array, Grey, Image, Mask
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, KERNEL
 
 __all__ = ["FAST_MATH", "PAD", "Spline", "interpolate", "slopes", "spline"]
 
@@ -105,7 +105,7 @@ def _filter_columns(grey: Image, pole: float) -> None:
     _anticausal_filter(grey, np.float32(pole))
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _causal_filter(grey: Image, pole: np.float32) -> None:
     """Recursive filter from the first row to the last, in place."""
     for i in range(1, len(grey)):
@@ -113,7 +113,7 @@ def _causal_filter(grey: Image, pole: np.float32) -> None:
             grey[i, j] += pole * grey[i - 1, j]
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _anticausal_filter(grey: Image, pole: np.float32) -> None:
     """Recursive filter from the last row to the first, in place."""
     for i in range(len(grey) - 2, -1, -1):
@@ -205,7 +205,7 @@ def biquintic(c: Image, at: np.uint64, width: np.uint64, t: np.float32, s: np.fl
     return value
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _interpolate(coefficients: Image, degree: int, points: Array, values: Image) -> None:
     """Write the grey levels at points (n, 2) into values (n,); those outside the image are left unchanged."""
     rows, cols = coefficients.shape[0] - 2 * PAD, coefficients.shape[1] - 2 * PAD

@@ -15,7 +15,7 @@ from numba import njit
 
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.cholesky import factorise, solve
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, KERNEL
 from dicflow.core.parts import Parts, are_apart
 from dicflow.core.uncertainty.overlap import Overlap
 
@@ -113,7 +113,7 @@ def widened(weights: Array, window: tuple[int, int]) -> Array:
     return np.pad(weights, [(0, 0), (0, 0), (high, high), (wide, wide)])
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _fit_weights(
     weights: Array,
     parts: Parts,
@@ -266,7 +266,7 @@ def _on_grid(centre: int, side: int, length: int) -> tuple[int, int]:
     return max(0, side // 2 - centre), min(side, side // 2 + length - centre)
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _sums(values: Array, at: Index, weights: Array) -> Array:
     """Sums (n, m, k) over windows of values (k, row, col)."""
     wanted, high, wide = weights.shape[1:]
@@ -283,7 +283,7 @@ def _sums(values: Array, at: Index, weights: Array) -> Array:
     return result
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _forms(sigma: Array, at: Index, weights: Array, down: Array, across: Array) -> Array:
     """Quadratic forms (n, m, m) of weights (n, m, high, wide), times sigma, with a correlation of points.
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.cholesky import factorise, solve_columns
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, KERNEL
 
 __all__ = [
     "Filled",
@@ -305,7 +305,7 @@ def _solve(normal: Array, indices: Index, moments: Array, coefficients: Array) -
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _solve_all(
     normal: Array, right: Array, indices: Index, count: Array, needed: float, of_whole: Array, whole: float
 ) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 
 from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.kernels import KERNEL
 from dicflow.core.parts import Parts, are_apart
 from dicflow.core.surfaces.filters import local_polynomial
 
@@ -92,7 +93,7 @@ class Tiles:
         return np.asarray(values[self._middle])
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _own_points(parts: Parts, centres: Index, rows: Index, cols: Index) -> Mask:
     """Which points (n, high, wide) of windows are not apart from their centres."""
     own = np.zeros(rows.shape, dtype=np.bool_)

@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array
+from dicflow.core.kernels import KERNEL
 
 __all__ = ["Checkerboard", "board_corners", "board_darkness", "board_outline"]
 
@@ -48,14 +49,14 @@ def board_darkness(board: Checkerboard, points: ArrayLike) -> Array:
     return np.asarray(_darkness_at(board, points.reshape(-1, 2))).reshape(points.shape[:-1])
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _soft_step(distance: float, width: float) -> float:
     """Smooth step from 0 to 1 over a width, ½ at distance 0."""
     t = min(max(0.5 + distance / width, 0.0), 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _square_wave(coordinate: float, count: int, square: float, edge: float) -> float:
     """Wave between −1 and 1 over the squares of one direction; the outermost squares extend beyond the board."""
     line = min(max(round(coordinate / square), 1), count - 1)
@@ -63,14 +64,14 @@ def _square_wave(coordinate: float, count: int, square: float, edge: float) -> f
     return wave if line % 2 == 0 else -wave
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _inside_squares(coordinate: float, count: int, square: float, edge: float) -> float:
     """1 on the squares, 0 outside them, with soft edges."""
     inside: float = _soft_step(coordinate, edge) * _soft_step(count * square - coordinate, edge)
     return inside
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _ink(board: Checkerboard, x: float, y: float) -> float:
     """Darkness of one point of the board, 0 … 1."""
     inside = _inside_squares(x, board.columns, board.square, board.edge) * _inside_squares(
@@ -84,7 +85,7 @@ def _ink(board: Checkerboard, x: float, y: float) -> float:
     return darkness
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _darkness_at(board: Checkerboard, points: Array) -> Array:
     """Darkness (n,) of points (n, 2) of the board."""
     out = np.empty(len(points))

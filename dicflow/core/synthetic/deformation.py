@@ -139,5 +139,5 @@ def _tangents(deformation: Deformation, x: _Number, y: _Number) -> tuple[_Number
     )
 
 
-surface_kernel = njit(cache=True, nogil=True)(_surface)
-tangents_kernel = njit(cache=True, nogil=True)(_tangents)
+surface_kernel = njit(cache=True, nogil=True, no_cfunc_wrapper=True)(_surface)
+tangents_kernel = njit(cache=True, nogil=True, no_cfunc_wrapper=True)(_tangents)

@@ -15,6 +15,7 @@ from scipy.ndimage import spline_filter
 
 from dicflow.core.arrays import Array
 from dicflow.core.cameras.camera import Camera, project
+from dicflow.core.kernels import KERNEL
 from dicflow.core.synthetic.deformation import Deformation, moved_rigidly, position
 from dicflow.core.synthetic.trace import Box, trace
 
@@ -103,21 +104,21 @@ def trace_sheet(camera: Camera, sheet: Sheet, box: Box) -> tuple[Array, Array]:
     return points.reshape(shape), inverse @ slopes
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _weights(t: float) -> tuple[float, float, float, float]:
     """Of four cubic B-splines at t in 0 … 1 between the middle two."""
     s = 1.0 - t
     return s * s * s / 6.0, 2.0 / 3.0 - t * t * (2.0 - t) / 2.0, 2.0 / 3.0 - s * s * (2.0 - s) / 2.0, t * t * t / 6.0
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _slopes(t: float) -> tuple[float, float, float, float]:
     """Derivatives of :func:`_weights`."""
     s = 1.0 - t
     return -s * s / 2.0, t * (3.0 * t - 4.0) / 2.0, s * (4.0 - 3.0 * s) / 2.0, t * t / 2.0
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _displaced(
     coefficients: Array, origin: Array, spacing: Array, x: float, y: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -142,7 +143,7 @@ def _displaced(
     return px, py, 1.0 + dx[0] / spacing[0], dy[0] / spacing[1], dx[1] / spacing[0], 1.0 + dy[1] / spacing[1]
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _all_displaced(points: Array, coefficients: Array, origin: Array, spacing: Array) -> Array:
     """Places and gradients (n, 6) of material points (n, 2)."""
     found = np.empty((len(points), 6))
@@ -151,7 +152,7 @@ def _all_displaced(points: Array, coefficients: Array, origin: Array, spacing: A
     return found
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _all_found(places: Array, coefficients: Array, origin: Array, spacing: Array, shrink: float) -> tuple[Array, Array]:
     """Material points (n, 2) and gradients (n, 2, 2) at places (n, 2) in the plane, by Newton's method; NaN if lost.
 

@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array, Index
+from dicflow.core.kernels import KERNEL
 
 __all__ = ["Speckles", "darkness", "scatter_speckles"]
 
@@ -104,7 +105,7 @@ def _indexed(centres: Array, shapes: Array, radii: Array, reach: Array, edge: fl
     return Speckles(centres, shapes, radii, edge, origin, cell, first, members)
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _select_dots(centres: Array, radii: Array, origin: Array, cell: float, area: float, gap: float) -> Index:
     """Indices of dots that keep their distance from all selected before, until they cover an area.
 
@@ -129,7 +130,7 @@ def _select_dots(centres: Array, radii: Array, origin: Array, cell: float, area:
     return kept[:n]
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _is_too_near(
     i: int, row: int, col: int, dots: Index, counts: Index, centres: Array, radii: Array, gap: float
 ) -> bool:
@@ -146,7 +147,7 @@ def _is_too_near(
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _dots_by_cell(low: Index, high: Index, rows: int, cols: int) -> tuple[Index, Index]:
     """``first`` and ``members`` of :class:`Speckles`, by a counting sort.
 
@@ -171,7 +172,7 @@ def _dots_by_cell(low: Index, high: Index, rows: int, cols: int) -> tuple[Index,
     return first, members
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _ink(speckles: Speckles, x: float, y: float) -> float:
     """Darkness of one material point, 0 … 1; where dots overlap, their transmissions 1 − darkness are multiplied."""
     col = int(np.floor((x - speckles.origin[0]) / speckles.cell))
@@ -195,7 +196,7 @@ def _ink(speckles: Speckles, x: float, y: float) -> float:
     return 1.0 - light
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _darkness_at(speckles: Speckles, points: Array) -> Array:
     """Darkness (n,) of material points (n, 2)."""
     out = np.empty(len(points))

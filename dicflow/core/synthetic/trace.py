@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array
 from dicflow.core.cameras.camera import Camera, distort_normalised, distortion_slopes, project
+from dicflow.core.kernels import KERNEL
 from dicflow.core.synthetic.deformation import Deformation, position, surface_kernel, tangents_kernel
 
 __all__ = ["Box", "image_of", "material_at", "trace"]
@@ -57,7 +58,7 @@ def trace(camera: Camera, deformation: Deformation, box: Box, start: ArrayLike) 
     return points, slopes
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _image_and_slopes(
     camera: Camera, deformation: Deformation, x: float, y: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -86,7 +87,7 @@ def _image_and_slopes(
     return u, v, u_a * a_x + u_b * b_x, u_a * a_y + u_b * b_y, v_a * a_x + v_b * b_x, v_a * a_y + v_b * b_y
 
 
-@njit(cache=True, nogil=True)
+@njit(**KERNEL)
 def _trace_pixels(pixels: Array, camera: Camera, deformation: Deformation, start: Array) -> tuple[Array, Array]:
     """Material points (n, 2) and slopes (n, 2, 2) at pixels (n, 2).
 

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dicflow.core import cholesky
 from dicflow.core.surfaces import filters
 from dicflow.core.surfaces.filters import fill_moving_mean, local_polynomial, odd_window, within_reach
 
@@ -171,12 +172,11 @@ def test_reach_is_a_distance():
 def test_kernel_as_plain_python():
     field = np.random.default_rng(2).normal(size=(6, 6))
     expected = local_polynomial(field, (5, 5), 2)
-    compiled = {
-        name: getattr(filters, name) for name in ("_solve_all", "_solve", "_multiply", "factorise", "solve_columns")
-    }
+    kernels = [(filters, name) for name in ("_solve_all", "_solve", "_multiply", "factorise", "solve_columns")]
     with pytest.MonkeyPatch.context() as patch:
-        for name, kernel in compiled.items():
-            patch.setattr(filters, name, getattr(kernel, "py_func", kernel))
+        for module, name in [*kernels, (cholesky, "solve")]:
+            kernel = getattr(module, name)
+            patch.setattr(module, name, getattr(kernel, "py_func", kernel))
         plain = local_polynomial(field, (5, 5), 2)
     assert np.allclose(plain.value, expected.value, atol=1e-12)
 
