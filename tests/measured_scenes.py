@@ -1,4 +1,4 @@
-"""Scenes in space as dicflow measures them, against their exact truth."""
+"""Scenes in space as dicflow measures them, against their exact truth, with the points of all draws of the noise."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dicflow.core.status import Status
 from dicflow.engine.product import Product
 from dicflow.pipeline import Result
 from tests.scenes_in_space import scene
-from tests.scenes_in_space.files import measured_result
+from tests.scenes_in_space.files import measured_results
 from tests.scenes_in_space.specimen import Scene
 from tests.scenes_in_space.truth import gauge_strain, material_of, rim_distance, truth
 
@@ -22,12 +22,13 @@ QUANTITIES = {"U": 1e3, "V": 1e3, "W": 1e3, "exx": 1e6, "eyy": 1e6, "gxy": 1e6}
 
 
 class Measured(NamedTuple):
-    """The points of a region at one step.
+    """The points of a region at one step, of one draw of the noise or of several.
 
     places : (n, 2) — in the first left photograph [px]
     error, stated : quantity → (n,) — errors and stated uncertainties [mm, -]; NaN where lost
     status : (n,)
     rim_px : (n,) — distance to the nearest edge, hole or crack in the first left photograph
+    draw : (n,) — the draw of the noise
     subset_size : [px]
     """
 
@@ -36,6 +37,7 @@ class Measured(NamedTuple):
     stated: dict[str, np.ndarray]
     status: np.ndarray
     rim_px: np.ndarray
+    draw: np.ndarray
     subset_size: int
 
     @property
@@ -51,7 +53,7 @@ class Measured(NamedTuple):
     def of(self, selected: np.ndarray) -> Measured:
         """Some of the points (n,) bool."""
         error, stated = ({k: v[selected] for k, v in values.items()} for values in (self.error, self.stated))
-        others = (array[selected] for array in (self.status, self.rim_px))
+        others = (array[selected] for array in (self.status, self.rim_px, self.draw))
         return Measured(self.places[selected], error, stated, *others, self.subset_size)
 
 
@@ -59,6 +61,7 @@ class Row(NamedTuple):
     """Figures of one quantity: shares [%] of all points that are valid, and of the errors of these; NaN without any.
 
     within_1, within_2, beyond_3 : stated uncertainties
+    spread : standard deviation of within_1 over the draws of the noise; NaN for one draw
     stated, bias, rms : medians of what is stated and of the errors, and their root mean square [µm, µε]
     """
 
@@ -67,6 +70,7 @@ class Row(NamedTuple):
     within_1: float
     within_2: float
     beyond_3: float
+    spread: float
     stated: float
     bias: float
     rms: float
@@ -75,8 +79,9 @@ class Row(NamedTuple):
 class MeasuredScene(NamedTuple):
     """A scene as it is measured.
 
-    steps : points of the reported steps; none where the run failed
-    gauge_errors : of each extensometer the largest error of its strain over the strain, of the reported steps
+    steps : points of the reported steps, of all draws; none where a run failed
+    gauge_errors : of each extensometer the error of its strain over the strain, root mean square over the draws, at the
+        reported step where that is largest
     """
 
     steps: dict[int, Measured]
@@ -84,24 +89,41 @@ class MeasuredScene(NamedTuple):
 
 
 def measured_scene(name: str, settings: Sequence[str] = ()) -> MeasuredScene:
-    """A scene as it is measured. settings : as after ``--set``"""
-    result, selected = measured_result(name, settings), scene(name)
-    if result is None:
-        return MeasuredScene({}, dict.fromkeys(selected.gauges, np.nan))
-    steps = {step: measured_step(selected, result, step) for step in selected.steps}
-    return MeasuredScene(steps, {gauge: gauge_error(selected, result, gauge) for gauge in selected.gauges})
+    """A scene as it is measured with all draws of its noise. settings : as after ``--set``"""
+    selected, draws, gauges = scene(name), [], []
+    for number, result in enumerate(measured_results(name, settings)):
+        if result is None:
+            return MeasuredScene({}, dict.fromkeys(selected.gauges, np.nan))
+        draws.append([measured_step(selected, result, step, number) for step in selected.steps])
+        gauges.append([gauge_errors(selected, result, gauge) for gauge in selected.gauges])
+    steps = dict(zip(selected.steps, map(pooled, zip(*draws, strict=True)), strict=True))
+    largest = np.sqrt(np.mean(np.square(gauges), axis=0)).max(axis=-1, initial=0.0)
+    return MeasuredScene(steps, dict(zip(selected.gauges, largest.tolist(), strict=True)))
 
 
-def gauge_error(selected: Scene, result: Result, gauge: str) -> float:
-    """Largest relative error of an extensometer's strain at the reported steps; NaN where it is not measured."""
+def pooled(draws: Sequence[Measured]) -> Measured:
+    """The points of several draws of the noise."""
+    error, stated = (
+        {name: np.concatenate([values[name] for values in parts]) for name in QUANTITIES}
+        for parts in zip(*((points.error, points.stated) for points in draws), strict=True)
+    )
+    places, status, rim_px, draw = (
+        np.concatenate(parts)
+        for parts in zip(*((points.places, points.status, points.rim_px, points.draw) for points in draws), strict=True)
+    )
+    return Measured(places, error, stated, status, rim_px, draw, draws[0].subset_size)
+
+
+def gauge_errors(selected: Scene, result: Result, gauge: str) -> np.ndarray:
+    """Relative errors of an extensometer's strain at the reported steps; NaN where it is not measured."""
     rows = [found for found in result.product("probes").attrs["rows"] if found["probe"] == gauge]
     exact = [gauge_strain(selected, selected.gauges[gauge], step) for step in selected.steps]
     found = [rows[step]["strain"] for step in selected.steps]
-    return float(np.max(np.abs(np.array(found, dtype=float) / exact - 1.0)))
+    return np.array(found, dtype=float) / exact - 1.0
 
 
-def measured_step(selected: Scene, result: Result, step: int) -> Measured:
-    """A scene at one step, against the truth."""
+def measured_step(selected: Scene, result: Result, step: int, draw: int = 0) -> Measured:
+    """A scene at one step, against the truth. draw : number of its draw of the noise"""
     first, total = result.product("correlation", 0), result.product("total", result.steps("total")[step - 1])
     places = grid_places(first["xy"], first.attrs["step_size"])
     counts = first["status"] != Status.OUTSIDE
@@ -112,7 +134,8 @@ def measured_step(selected: Scene, result: Result, step: int) -> Measured:
     for name in QUANTITIES:
         error[name] = total[name][counts] - exact[name]
         stated[name] = total[stated_name(total, name)][counts]
-    return Measured(places, error, stated, status, rim_distance(selected, places), first.attrs["subset_size"])
+    away, size = rim_distance(selected, places), first.attrs["subset_size"]
+    return Measured(places, error, stated, status, away, np.full(len(places), draw), size)
 
 
 def stated_name(total: Product, quantity: str) -> str:
@@ -133,8 +156,14 @@ def row(points: Measured, quantity: str) -> Row:
     known = points.valid & np.isfinite(points.error[quantity])
     error, stated = points.error[quantity][known], points.stated[quantity][known]
     if not known.any():
-        return Row(len(known), 0.0, *[np.nan] * 6)
+        return Row(len(known), 0.0, *[np.nan] * 7)
     scaled = np.abs(error) / stated
     shares = (100.0 * part.mean() for part in (known, scaled < 1.0, scaled < 2.0, scaled > 3.0))
     sizes = np.median(stated), np.median(error), np.sqrt(np.mean(error**2))
-    return Row(len(known), *shares, *(factor * size for size in sizes))
+    return Row(len(known), *shares, spread_of(scaled < 1.0, points.draw[known]), *(factor * size for size in sizes))
+
+
+def spread_of(within: np.ndarray, draw: np.ndarray) -> float:
+    """Standard deviation [%] over the draws of the share of points (n,) that are within; NaN for one draw."""
+    shares = [100.0 * within[draw == number].mean() for number in np.unique(draw)]
+    return float(np.std(shares, ddof=1)) if len(shares) > 1 else np.nan

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from dicflow.core.status import Status
-from tests.measured_scenes import QUANTITIES, Measured, MeasuredScene
+from tests.measured_scenes import QUANTITIES, Measured, MeasuredScene, pooled, row
 from tests.scene_bars import MOST_TILT_BIAS_UM, coverage, scene_figures, worst
-from tests.scenes_in_space import scene
+from tests.scenes_in_space import SCENES, scene
+from tests.scenes_in_space.files import draws_of
 from tests.scenes_in_space.truth import ring_in_photograph
 
 COUNT = 20_000
@@ -17,7 +18,7 @@ def points(places=None, **scale):
     n = len(places)
     error = {name: 1e-3 * scale.get(name, 1.0) * rng.normal(size=n) for name in QUANTITIES}
     stated = {name: np.full(n, 1e-3) for name in QUANTITIES}
-    return Measured(places, error, stated, np.zeros(n, dtype=np.uint8), np.full(n, 99.0), 31)
+    return Measured(places, error, stated, np.zeros(n, dtype=np.uint8), np.full(n, 99.0), np.zeros(n, dtype=int), 31)
 
 
 def verdicts(figures):
@@ -91,3 +92,18 @@ def test_lost_points_are_counted_only_away_from_a_crack():
     assert verdict_of(found, words) == "ok"
     found.status[400:440] = Status.UNTRACKED
     assert verdict_of(found, words) == "MISSED"
+
+
+def test_the_points_of_all_draws_count_together():
+    draws = [points(exx=factor)._replace(draw=np.full(COUNT, k)) for k, factor in enumerate((0.01, 100.0, 100.0))]
+    found = row(pooled(draws), "exx")
+    assert found.points == 3 * COUNT
+    assert found.within_1 == pytest.approx(100.0 / 3.0, abs=1.0)
+    assert found.spread == pytest.approx(100.0 / np.sqrt(3.0), abs=1.0)
+
+
+def test_small_scenes_are_photographed_more_often():
+    draws = {name: draws_of(scene(name)) for name in SCENES}
+    assert draws["leap"] > 4 * draws["gentle"]
+    assert draws["inner_crack"] > draws["hairline"]
+    assert min(draws.values()) >= 4

@@ -136,9 +136,9 @@ def test_without_noise_a_scene_is_measured_as_its_truth_says(tmp_path):
     small = gentle.SCENE._replace(
         loads=(0.0, 0.02), parts=(sheet,), outline=rectangle(-half_width, -half_height, half_width, half_height)
     )
-    write_scene(tmp_path, small, noisy=False)
+    write_scene(tmp_path, small, [None])
     fixed, chosen = (
-        measured_step(small, Pipeline.load(tmp_path / "pipeline.yaml", settings=settings).run(), 1)
+        measured_step(small, Pipeline.load(tmp_path / "None" / "pipeline.yaml", settings=settings).run(), 1)
         for settings in (["total.degree=2"], [])
     )
     fixed, chosen = (points.of(~points.on_rim) for points in (fixed, chosen))

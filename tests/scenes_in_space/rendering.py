@@ -17,7 +17,7 @@ from tests.scenes_in_space.cameras import LEFT, MM_PX, RIGHT, SIZE, View, projec
 from tests.scenes_in_space.pattern import light_of_speckles
 from tests.scenes_in_space.specimen import Part, Scene
 
-__all__ = ["clean", "interpolated", "material_at", "material_table", "photographs", "seen_box"]
+__all__ = ["clean", "exposed", "interpolated", "material_at", "material_table", "seen_box", "with_noise"]
 
 PAPER, INK, BACKGROUND = 190.0, 40.0, 65.0
 _NODE_PX, _BEFORE = 2, 2
@@ -30,17 +30,16 @@ _SEED_MM = 0.5
 """Distance of the material points from which the nearest one starts a search."""
 
 
-def photographs(scene: Scene, step: int, seed: int = 0, noisy: bool = True) -> tuple[np.ndarray, np.ndarray]:
-    """Left and right photograph (row, col) of a step, uint8. The noise is different at each step, side and seed."""
-    left, right = (_exposed(scene, step, side, seed, noisy) for side in (0, 1))
-    return left, right
+def exposed(scene: Scene, step: int, side: int) -> np.ndarray:
+    """Grey levels (row, col) of the photograph of a step by a camera, 0 or 1, without noise."""
+    return scene.look(clean((LEFT, RIGHT)[side], scene, scene.loads[step]), step, side)
 
 
-def _exposed(scene: Scene, step: int, side: int, seed: int, noisy: bool) -> np.ndarray:
-    grey = scene.look(clean((LEFT, RIGHT)[side], scene, scene.loads[step]), step, side)
-    if noisy:
+def with_noise(grey: np.ndarray, scene: Scene, draw: tuple[int, int, int] | None) -> np.ndarray:
+    """A photograph (row, col) uint8. draw : number, step and camera of a draw of the noise; None without noise"""
+    if draw is not None:
         constant, growing = scene.noise
-        random = np.random.default_rng([seed, step, side]).standard_normal(grey.shape)
+        random = np.random.default_rng(draw).standard_normal(grey.shape)
         grey = grey + np.sqrt(constant + growing * np.maximum(grey, 0.0)) * random
     return np.rint(grey).clip(0, 255).astype(np.uint8)
 

@@ -5,7 +5,7 @@ from stereo_scene import REGION, REST, RIG, State, clean, material, photographs,
 from dicflow.core.correlation.partners import MIN_PARTNERS, Partners, find_partners, right_of_left, starting_warps
 from tests import scenes_in_space
 from tests.scenes_in_space import cameras
-from tests.scenes_in_space.rendering import photographs as photographs_of_scene
+from tests.scenes_in_space.rendering import exposed, with_noise
 from tests.scenes_in_space.specimen import bounds
 
 pytestmark = pytest.mark.slow
@@ -48,7 +48,8 @@ def test_partners_of_a_plate_turned_far_about_either_axis(axis, turn_deg):
     """Seen from 57.5° by one camera, it is 1.57 times as wide to the other one."""
     selected = scenes_in_space.scene(axis)
     plate = selected.parts[0]._replace(bounds=bounds(12.0, 9.0))
-    left, right = photographs_of_scene(selected._replace(loads=(turn_deg,), parts=(plate,)), 0)
+    turned = selected._replace(loads=(turn_deg,), parts=(plate,))
+    left, right = (with_noise(exposed(turned, 0, side), turned, (0, 0, side)) for side in (0, 1))
     material = np.stack(np.meshgrid(np.linspace(-9.0, 9.0, 12), np.linspace(-6.0, 6.0, 9)), axis=-1).reshape(-1, 2)
     seen, partners = (cameras.project(view, plate.place(material, turn_deg)) for view in (cameras.LEFT, cameras.RIGHT))
     found = find_partners(cameras.RIG, left, right, seen)
