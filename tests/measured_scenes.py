@@ -90,15 +90,15 @@ class MeasuredScene(NamedTuple):
 
 def measured_scene(name: str, settings: Sequence[str] = ()) -> MeasuredScene:
     """A scene as it is measured with all draws of its noise. settings : as after ``--set``"""
-    selected, draws, gauges = scene(name), [], []
+    selected, draws, errors = scene(name), [], []
     for number, result in enumerate(measured_results(name, settings)):
         if result is None:
             return MeasuredScene({}, dict.fromkeys(selected.gauges, np.nan))
         draws.append([measured_step(selected, result, step, number) for step in selected.steps])
-        gauges.append([gauge_errors(selected, result, gauge) for gauge in selected.gauges])
+        errors.append([gauge_errors(selected, result, gauge) for gauge in selected.gauges])
     steps = dict(zip(selected.steps, map(pooled, zip(*draws, strict=True)), strict=True))
-    largest = np.sqrt(np.mean(np.square(gauges), axis=0)).max(axis=-1, initial=0.0)
-    return MeasuredScene(steps, dict(zip(selected.gauges, largest.tolist(), strict=True)))
+    usual = np.sqrt(np.mean(np.square(errors), axis=0))
+    return MeasuredScene(steps, {gauge: float(usual[k].max()) for k, gauge in enumerate(selected.gauges)})
 
 
 def pooled(draws: Sequence[Measured]) -> Measured:
