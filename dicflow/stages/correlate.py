@@ -247,7 +247,7 @@ class Correlate(SubsetSearch):
         )
         direct = search_directly(start, reference_step, last, image, search, pairs)
         if not before.is_final:
-            noise = self._measured_noise(before, direct.correlation, first, image.grey)
+            noise = self._measured_noise(before, (direct.correlation, start.origin, search), first, image.grey)
             search = search._replace(noise=self._level(noise.grey, first))
         updating, expected = self.reference.updating(), points.course.expected
         found, reference = follow_step(start, reference_step, direct, search, updating, expected)
@@ -259,7 +259,7 @@ class Correlate(SubsetSearch):
             start = first_photograph(first.image, first.region, grid, search)
             direct = search_again(start, direct, found, search)
             if not before.is_final:
-                noise = self._measured_noise(before, direct.correlation, first, image.grey)
+                noise = self._measured_noise(before, (direct.correlation, start.origin, search), first, image.grey)
                 search = search._replace(noise=self._level(noise.grey, first))
             found, reference = follow_step(start, reference_step, direct, search, updating, expected)
         template = (noise.grey / before.grey) ** 2 * points["template"]
@@ -288,14 +288,25 @@ class Correlate(SubsetSearch):
 
         return noise_of_first_photograph(image, measured) if self.noise == "auto" else Noise(self.noise, "given", True)
 
-    def _measured_noise(self, noise: Noise, correlation: CorrelatedField, first: _First, image: np.ndarray) -> Noise:
-        """The noise, measured in the first photograph and this one."""
+    def _measured_noise(
+        self,
+        noise: Noise,
+        direct: tuple[CorrelatedField, tuple[int, int], Search],
+        first: _First,
+        image: np.ndarray,
+    ) -> Noise:
+        """The noise, measured in the first photograph and this one.
+
+        direct : subsets of the first photograph found in this one, the origin of their template [px], and their search
+        """
+        from dicflow.core.correlation.place_noise import noise_of_places
         from dicflow.core.correlation.search import noise_of_residual
         from dicflow.core.photographs.noise import noise_from_pair
 
-        points = noise_of_residual(correlation, self.spline_degree, self.subset_size)
+        points = noise_of_residual(direct[0], self.spline_degree, self.subset_size)
         views, size = (first.image.grey, image, first.measured), self.subset_size
-        return noise_from_pair(noise, *views, points, pixels=size**2, smoothing_px=self.smoothing)
+        by_places = noise_of_places(*direct)
+        return noise_from_pair(noise, *views, points, by_places, pixels=size**2, smoothing_px=self.smoothing)
 
     def _no_subset(self, region: np.ndarray, status: np.ndarray) -> str:
         """The message if no subset of the first photograph can be followed."""

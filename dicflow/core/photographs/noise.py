@@ -69,6 +69,7 @@ def noise_from_pair(
     second: Grey,
     usable: Mask,
     points: tuple[Array, Array, Array],
+    by_places: float,
     *,
     pixels: int,
     smoothing_px: float,
@@ -79,11 +80,13 @@ def noise_from_pair(
     first, second : (rows, cols) grey; usable : (rows, cols) bool — the region in the first one
     points : points in the first one (n, 2), their matches in the second one (n, 2) [px], and the variance of the noise
         as the residual of their subsets has it (n,) [grey levels²]
+    by_places : the noise that moves places as the residuals do [grey levels]; infinite where unknown
     pixels : of a subset
     smoothing_px : smoothing of both before the correlation; the residual of smoothed photographs is not used
 
     Final, except without points. What subsets do not follow adds to most residuals at a large strain, so that the small
-    ones tell: by noise alone the variance over n pixels scatters by √(2/n).
+    ones tell: by noise alone the variance over n pixels scatters by √(2/n). What a fine pattern adds to all of them
+    does less to the places than noise would.
     """
     centres, places, variance = points
     if not len(centres):
@@ -91,7 +94,8 @@ def noise_from_pair(
     if np.quantile(np.linalg.norm(places - centres, axis=-1), 0.95) < MAX_STATIC_MOTION_PX:
         return Noise(max(pair_noise(first, second, usable), ROUNDING_NOISE), "static pair", True)
     plain = np.quantile(variance, _PLAIN_QUANTILE) / (1.0 - _NORMAL_QUANTILE * np.sqrt(2.0 / pixels))
-    residual = np.inf if smoothing_px > 0.0 else max(float(np.sqrt(max(plain, 0.0))), ROUNDING_NOISE)
+    least = min(float(np.sqrt(max(plain, 0.0))), by_places)
+    residual = np.inf if smoothing_px > 0.0 else max(least, ROUNDING_NOISE)
     return (
         Noise(residual, "residual of a second photograph", True)
         if residual < noise.grey
