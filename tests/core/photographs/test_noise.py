@@ -44,12 +44,14 @@ def test_clipped_pixels_have_no_noise():
     assert image_noise(dark, INSIDE) == pytest.approx(2.0, rel=0.15)
 
 
-def noise_from_moved_pair(noise, shift, variance, smoothing_px=0.0, points=50):
+def noise_from_moved_pair(noise, shift, variance, smoothing_px=0.0, points=50, by_places=np.inf):
     """Noise from two photographs in which all points have one shift and one variance."""
     pair = planar_pair((240, 240), shift, noise=2.0)
     centres = np.random.default_rng(0).integers(40, 200, (points, 2)).astype(float)
     found = centres, centres + shift, np.full(points, variance)
-    return noise_from_pair(noise, pair.reference, pair.deformed, INSIDE, found, pixels=10**4, smoothing_px=smoothing_px)
+    return noise_from_pair(
+        noise, pair.reference, pair.deformed, INSIDE, found, by_places, pixels=10**4, smoothing_px=smoothing_px
+    )
 
 
 def test_residuals_of_subsets_that_follow_the_motion_tell_the_noise():
@@ -60,7 +62,7 @@ def test_residuals_of_subsets_that_follow_the_motion_tell_the_noise():
     centres, image = rng.uniform(0.0, 200.0, (2000, 2)), np.zeros((240, 240))
     for variance, rel in ((scatter, 0.01), (scatter + misfit, 0.03)):
         found = noise_from_pair(
-            Noise(9.0, "first photograph", False), image, image, INSIDE, (centres, centres + 1.0, variance),
+            Noise(9.0, "first photograph", False), image, image, INSIDE, (centres, centres + 1.0, variance), np.inf,
             pixels=441, smoothing_px=0.0,
         )  # fmt: skip
         assert found.grey == pytest.approx(2.0, rel=rel)
@@ -74,6 +76,8 @@ def test_a_second_photograph_makes_the_noise_final():
     small, large = noise_from_moved_pair(first, (3.0, 1.0), 1e-6), noise_from_moved_pair(first, (3.0, 1.0), 900.0)
     assert small == (pytest.approx(12**-0.5), "residual of a second photograph", True)
     assert large == first._replace(is_final=True)
+    by_places = noise_from_moved_pair(first, (3.0, 1.0), 900.0, by_places=1.5)
+    assert by_places == (1.5, "residual of a second photograph", True)
     assert noise_from_moved_pair(first, (3.0, 1.0), 1e-6, smoothing_px=1.0) == first._replace(is_final=True)
 
 
