@@ -27,8 +27,10 @@ _OF_BAND = 1.0 / 3.0**0.5
 """Standard deviation of the wrong share of a ridge that may be a narrow band: any share is as likely."""
 _TURN = np.pi / 8.0 / 3.0**0.5
 """Standard deviation of the angle between a line and the nearest of four directions [rad]."""
-_BESIDE = 1.5
-"""Distance from a line up to which points lie on it [points]."""
+_BESIDE, _NEXT = 1.5, 2
+"""Distances from a line up to which points lie on it, and up to which it is the crest where it goes on [points]."""
+_WEDGE = np.tan(np.pi / 8.0)
+"""Slope up to which a line may turn away from the nearest of four directions."""
 
 
 class UnseenJumps(NamedTuple):
@@ -88,7 +90,8 @@ def unseen_jumps(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets, w
     jumps = jumps_at_points(surface, lost, subsets)
     if not (jumps.significance > _SIGMAS).any():
         return None
-    counts = _lines(jumps, surface, subsets.reach)
+    counts, direction = _lines(jumps, surface, subsets.reach)
+    jumps = jumps._replace(direction=direction)
     found = UnseenJumps(
         np.zeros_like(jumps.jump),
         np.zeros_like(jumps.direction),
@@ -114,16 +117,33 @@ def cut_by_jumps(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets, w
     return np.asarray(surface.known & beside & (sigma / np.sqrt(window[0] * window[1]) > least), dtype=np.bool_)
 
 
-def _lines(jumps: Jumps, surface: MeasuredSurface, reach: int) -> Mask:
-    """Points (row, col) on the lines of jumps that count."""
+def _lines(jumps: Jumps, surface: MeasuredSurface, reach: int) -> tuple[Mask, Codes]:
+    """Points (row, col) on the lines of jumps that count, and the number of the normal of each one.
+
+    Beside a line, at most of a subset's distance, polynomials that cannot follow its jump look like lines themselves.
+    So a line counts that is not beside a more significant one, and goes on along its crest.
+    """
     gap = ~surface.known & (surface.points.parts.number > 0)
     strength, strong = np.where(gap, np.inf, jumps.significance), jumps.significance > _SIGMAS
-    counts = np.zeros_like(gap)
+    counts, direction = np.zeros_like(gap), jumps.direction.copy()
     for number, normal in enumerate(NORMALS):
-        largest = cv2.dilate(strength, _line(normal, reach, 0.1))
-        crest = (jumps.direction == number) & (jumps.significance > 0.0) & (strength >= largest) & surface.known
-        counts |= crest & grown(strong & crest, _line(normal[::-1] * (1.0, -1.0), reach, _BESIDE))
-    return counts
+        along, own = normal[::-1] * (1.0, -1.0), jumps.direction == number
+        crest = own & strong & surface.known & (strength >= cv2.dilate(strength, _line(normal, reach, 0.1)))
+        beside = cv2.dilate(np.where(crest, jumps.significance, 0.0), _beside(normal, reach))
+        lines = crest & (jumps.significance >= beside)
+        free = surface.known & (jumps.significance > 0.0) & ~grown(gap, _line(normal, reach, 0.1))
+        crest = free & (strength >= cv2.dilate(strength, _line(normal, _NEXT, 0.1)))
+        ahead = crest & grown(lines, _line(along, reach, _BESIDE)) & ~counts
+        direction[ahead] = number
+        counts |= lines | ahead
+    return counts, direction
+
+
+def _beside(normal: Array, reach: int) -> Codes:
+    """The points (side, side) within a reach of the middle that lie on no line through it, however that is turned."""
+    row, col = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    across, along = np.abs(row * normal[0] + col * normal[1]), np.abs(row * normal[1] - col * normal[0])
+    return np.asarray((across > _BESIDE + _WEDGE * along) & (np.maximum(across, along) <= reach), dtype=np.uint8)
 
 
 def _going_on(jumps: Jumps, counts: Mask, lost: Mask, reach: int) -> Mask:
@@ -145,9 +165,9 @@ def _line(direction: Array, reach: int, beside: float) -> Codes:
 
 
 def _take_nearest(found: UnseenJumps, jumps: Jumps, lines: Index, is_crack: Mask) -> None:
-    """Set the jump that counts most at each point, of those at points (n, 2) on lines, the less the further away."""
+    """Set the most significant jump at each point, of those at points (n, 2) on lines, the less the further away."""
     shape, rows, cols = found.distance.shape, *lines.T
-    normal, size = NORMALS[jumps.direction[rows, cols]], np.linalg.norm(jumps.jump[rows, cols], axis=1)
+    normal, size = NORMALS[jumps.direction[rows, cols]], jumps.significance[rows, cols]
     reach, most = int(np.ceil(0.5 * (found.window + found.subsets.size / found.subsets.step))), np.zeros(shape)
     right = np.arange(-reach, reach + 1)[:, None]
     to_cols = cols + right
