@@ -3,11 +3,13 @@
 At the end of a crack displacements grow with the root of the distance. A window there has points on both sides of lost
 ones. Each degree of its polynomials changes the slopes by about as much as all further ones together would, so that a
 pilot of a higher degree or in a wider window tells too little. What the chosen degree has changed against the lowest
-one is stated, in each component alike: such a field has strains of the same size in all of them.
+one is stated, in each component alike: such a field has strains of the same size in all of them. The change of a
+single point may be small by chance where its error is not, so that the mean of the points around it counts too.
 """
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
@@ -33,12 +35,21 @@ def with_crack_ends(chosen: ChosenGradient, surface: MeasuredSurface, lost: Mask
     bias = chosen.bias.copy()
     ends = _around_ends(surface, places_of(chosen.degree > 0), widest.window, lost)
     sides, degrees = (field[tuple(ends.T)] for field in (chosen.window, chosen.degree))
+    squares = np.full(lost.shape, np.nan)
     for side, degree in set(zip(sides.tolist(), degrees.tolist(), strict=True)):
         at = np.ascontiguousarray(ends[(sides == side) & (degrees == degree)])
-        square = _square_of_change(surface, at, WindowFit((side, side), degree), widest)
-        rows, cols = at.T
-        bias[rows, cols] = at_least(bias[rows, cols], square[:, None, None] * np.eye(4))
+        squares[tuple(at.T)] = _square_of_change(surface, at, WindowFit((side, side), degree), widest)
+    rows, cols = ends.T
+    square = np.fmax(squares, _mean_of_neighbours(squares))[rows, cols]
+    bias[rows, cols] = at_least(bias[rows, cols], square[:, None, None] * np.eye(4))
     return chosen._replace(bias=bias)
+
+
+def _mean_of_neighbours(values: Array) -> Array:
+    """Means over each point (row, col) and those next to it that are known; NaN where none is."""
+    known = np.isfinite(values)
+    total, count = (cv2.blur(np.where(known, part, 0.0), (3, 3)) for part in (values, np.ones_like(values)))
+    return np.asarray(np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0.0))
 
 
 def _around_ends(surface: MeasuredSurface, at: Index, window: tuple[int, int], lost: Mask) -> Index:
