@@ -75,14 +75,13 @@ def _common_misfit(cameras: Rig, left: Correlation, right: Stereo) -> np.ndarray
     """Covariance (row, col, 3) by misfit that is common to both photographs [px² of the first left photograph]."""
     import numpy as np
 
-    from dicflow.core.cameras.common_misfit import PlaceErrors, independent_share
+    from dicflow.core.cameras.common_misfit import PlaceErrors, independent_share, shared_part
     from dicflow.core.tensors import congruent, inverse
 
     views = [(one["xy"], one["covariance"], one["misfit"].astype(float)) for one in (left, right)]
     share = independent_share(cameras, *(PlaceErrors(xy, total - misfit, misfit) for xy, total, misfit in views))
     of_left, of_right = (congruent(inverse(one["gradient"]), one["misfit"].astype(float)) for one in (left, right))
-    smaller = np.where(_variance(of_left) < _variance(of_right), of_left, of_right)
-    return np.asarray((1.0 - share) * smaller)
+    return np.asarray((1.0 - share) * shared_part(of_left, of_right))
 
 
 def _errors(found: Triangulated, left: Correlation, right: Stereo, misfit: np.ndarray) -> PointErrors:

@@ -16,11 +16,13 @@ from dicflow.core.arrays import Array
 from dicflow.core.cameras.camera import Rig
 from dicflow.core.cameras.epipolar import epipolar_slopes, signed_epipolar_distance
 
-__all__ = ["PlaceErrors", "independent_share"]
+__all__ = ["PlaceErrors", "independent_share", "shared_part"]
 
 
 _MIN_POINTS, _ENOUGH_POINTS = 100, 3000
 """With fewer, the misfit counts as independent; about so many are looked at."""
+_LEAST_SHARE = 1e-6
+"""Least variance along any direction, over the sum of both, with which a covariance counts as invertible."""
 _NORMAL = 1.4826
 """Standard deviation of a normal distribution over the median of its distances from 0."""
 
@@ -51,6 +53,24 @@ def independent_share(rig: Rig, left: PlaceErrors, right: PlaceErrors) -> float:
     scaled = scatter**2 / (noise + misfit)[known]
     observed = _NORMAL**2 * float(np.median(scaled))
     return float(np.clip((observed - (1.0 - by_misfit)) / by_misfit, 0.0, 1.0))
+
+
+def shared_part(one: Array, other: Array) -> Array:
+    """The largest covariance (..., 3) that both covariances (..., 3) contain: along no direction more than either has.
+
+    With one = L Lᵀ and other = L V D Vᵀ Lᵀ it is L V min(D, 1) Vᵀ Lᵀ.
+    """
+    xx, xy, yy = np.moveaxis(one, -1, 0)
+    least = np.maximum(_LEAST_SHARE * (xx + yy), 1e-300)
+    p, q, r = (scale := np.sqrt(np.maximum(xx, least))), xy / scale, np.sqrt(np.maximum(yy - xy * xy / scale**2, least))
+    xx, xy, yy = np.moveaxis(other, -1, 0)
+    xx, xy, yy = xx / p**2, (xy - q / p * xx) / (p * r), (yy - 2.0 * q / p * xy + (q / p) ** 2 * xx) / r**2
+    middle, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    high, low = np.minimum(middle + half, 1.0), np.minimum(middle - half, 1.0)
+    slope = (high - low) / np.maximum(2.0 * half, 1e-300)
+    more = low - slope * (middle - half)
+    xx, xy, yy = slope * xx + more, slope * xy, slope * yy + more
+    return np.stack([p * p * xx, p * (q * xx + r * xy), q * q * xx + 2.0 * q * r * xy + r * r * yy], axis=-1)
 
 
 def _thinned(errors: PlaceErrors) -> PlaceErrors:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from dicflow.core.cameras.camera import project, to_right
-from dicflow.core.cameras.common_misfit import PlaceErrors, independent_share
+from dicflow.core.cameras.common_misfit import PlaceErrors, independent_share, shared_part
 from tests.stereo_scene import RIG
 
 NOISE, MISFIT_MM = 0.01, 0.01
@@ -49,3 +49,26 @@ def test_misfit_counts_as_independent_where_nothing_tells():
     assert independent_share(RIG, unknown, unknown) == 1.0
     exact = PlaceErrors(seen(plane(300.0))[0], isotropic(1.0), isotropic(0.0))
     assert independent_share(RIG, exact, exact) == 1.0
+
+
+def matrices(covariance):
+    xx, xy, yy = np.moveaxis(covariance, -1, 0)
+    return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
+
+
+def test_what_two_covariances_share_is_in_both_along_all_directions():
+    """And touches one of them along each of two directions, so that it is the largest one."""
+    roots = np.random.default_rng(0).normal(size=(2, 300, 2, 2))
+    one, other = roots @ np.swapaxes(roots, -1, -2)
+    both = matrices(shared_part(*(part[:, [0, 0, 1], [0, 1, 1]] for part in (one, other))))
+    left = np.stack([np.linalg.eigvalsh(part - both) for part in (one, other)])
+    assert left.min() > -1e-6
+    assert (left < 1e-6).sum(axis=(0, 2)).min() >= 2
+
+
+def test_the_smaller_of_two_like_covariances_is_shared():
+    small = np.array([[2.0, -0.5, 1.0]])
+    assert shared_part(small, 3.0 * small) == pytest.approx(small)
+    assert shared_part(3.0 * small, small) == pytest.approx(small)
+    assert shared_part(small, 0.0 * small) == pytest.approx(0.0, abs=1e-12)
+    assert np.isnan(shared_part(small, np.nan * small)).all()
