@@ -72,7 +72,10 @@ class Triangulate(Node):
 
 
 def _common_misfit(cameras: Rig, left: Correlation, right: Stereo) -> np.ndarray:
-    """Covariance (row, col, 3) by misfit that is common to both photographs [px² of the first left photograph]."""
+    """Covariance (row, col, 3) by misfit that is common to both photographs [px² of the first left photograph].
+
+    The smaller misfit of both, along no direction more than either place has.
+    """
     import numpy as np
 
     from dicflow.core.cameras.common_misfit import PlaceErrors, independent_share, shared_part
@@ -81,7 +84,10 @@ def _common_misfit(cameras: Rig, left: Correlation, right: Stereo) -> np.ndarray
     views = [(one["xy"], one["covariance"], one["misfit"].astype(float)) for one in (left, right)]
     share = independent_share(cameras, *(PlaceErrors(xy, total - misfit, misfit) for xy, total, misfit in views))
     of_left, of_right = (congruent(inverse(one["gradient"]), one["misfit"].astype(float)) for one in (left, right))
-    return np.asarray((1.0 - share) * shared_part(of_left, of_right))
+    smaller = np.where(_variance(of_left) < _variance(of_right), of_left, of_right)
+    for one in (left, right):
+        smaller = shared_part(smaller, congruent(inverse(one["gradient"]), one["covariance"]))
+    return np.asarray((1.0 - share) * smaller)
 
 
 def _errors(found: Triangulated, left: Correlation, right: Stereo, misfit: np.ndarray) -> PointErrors:
