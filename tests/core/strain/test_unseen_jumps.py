@@ -150,7 +150,7 @@ def test_a_crack_towards_its_tip():
 
 
 def test_what_a_line_leaves_beside_it_does_not_hide_where_it_goes_on():
-    """Of a crack that opens slowly, over several draws of the noise; twice as many without the rule for lines beside."""
+    """Of a crack that opens slowly, over six draws of the noise; without the rule for lines beside, twice as many."""
     opening = 0.6 * np.maximum(1.0 - COL / 50.0, 0.0) ** 2
     lost = (np.abs(ROWS_FROM_LINE) < 2.3) & (opening > 0.4)
     beside = (np.abs(ROWS_FROM_LINE) < SUBSET / STEP) & (COL > 3) & (COL < 54) & ~lost
