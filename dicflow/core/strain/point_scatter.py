@@ -59,6 +59,8 @@ _REGION, _REGION_CHANCE = 3.0, 0.5
 that is taken for chance, times their number of subsets."""
 _MOST_IN_REGION, _OUTLIER = 4.0, 16.0
 """Largest misfit in a region over that of all, and squares of residuals over their variance that count at most."""
+_BIASED = 0.3
+"""Bias of a displacement from which its residual tells nothing about misfit, since motion is steep there [σ]."""
 
 
 class AxisScatter(NamedTuple):
@@ -221,9 +223,21 @@ def _axes(
     total = by_shape.sum(axis=0)
     along = (np.ascontiguousarray(np.moveaxis(field, -1, 0)) for field in (moved, total, squares))
     return [
-        _Axis(values, variances, biased, wide, small, _shares(by_shape[:, wide, axis].sum(axis=1), shapes))
+        _Axis(
+            values,
+            variances,
+            biased,
+            *(_unbiased(mask, biased, variances) for mask in (wide, small)),
+            _shares(by_shape[:, wide, axis].sum(axis=1), shapes),
+        )
         for axis, (values, variances, biased) in enumerate(zip(*along, strict=True))
     ]
+
+
+def _unbiased(mask: Mask, squares_of_bias: Array, variances: Array) -> Mask:
+    """The points (row, col) of a mask without those where motion is known to be steep, if these are fewer."""
+    unbiased = mask & (squares_of_bias < _BIASED**2 * variances)
+    return unbiased if 2 * unbiased.sum() > mask.sum() else mask
 
 
 def _is_known(axis: _Axis) -> bool:
