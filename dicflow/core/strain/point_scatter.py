@@ -222,22 +222,16 @@ def _axes(
     squares = np.zeros_like(moved) if bias is None else np.nan_to_num(bias[part]) ** 2
     total = by_shape.sum(axis=0)
     along = (np.ascontiguousarray(np.moveaxis(field, -1, 0)) for field in (moved, total, squares))
-    return [
-        _Axis(
-            values,
-            variances,
-            biased,
-            *(_unbiased(mask, biased, variances) for mask in (wide, small)),
-            _shares(by_shape[:, wide, axis].sum(axis=1), shapes),
-        )
-        for axis, (values, variances, biased) in enumerate(zip(*along, strict=True))
-    ]
+    whole = [_Axis(one, variances, biased, wide, small, {}) for one, variances, biased in zip(*along, strict=True)]
+    shares = (_shares(by_shape[:, wide, axis].sum(axis=1), shapes) for axis in range(len(whole)))
+    return [_unbiased(axis)._replace(shares=share) for axis, share in zip(whole, shares, strict=True)]
 
 
-def _unbiased(mask: Mask, squares_of_bias: Array, variances: Array) -> Mask:
-    """The points (row, col) of a mask without those where motion is known to be steep, if these are fewer."""
-    unbiased = mask & (squares_of_bias < _BIASED**2 * variances)
-    return unbiased if 2 * unbiased.sum() > mask.sum() else mask
+def _unbiased(axis: _Axis) -> _Axis:
+    """An axis without the windows around points where motion is known to be steep, if these are fewer."""
+    steep = axis.squares_of_bias >= _BIASED**2 * axis.variances
+    wide, small = (mask & ~steep if 2 * (mask & steep).sum() < mask.sum() else mask for mask in (axis.wide, axis.small))
+    return axis._replace(wide=wide, small=small)
 
 
 def _is_known(axis: _Axis) -> bool:

@@ -86,6 +86,15 @@ def test_a_bias_that_is_known_is_no_scatter():
     assert deviations(found(surface, bias))[0] == pytest.approx(1.0, abs=0.06)
 
 
+def test_points_where_motion_is_steep_tell_nothing_about_misfit():
+    """A band of errors that are as large as their known bias does not hide that misfit is overstated elsewhere."""
+    band = np.abs(COL - 34.5) < 7.0
+    surface = surface_of(np.where(band, 2.5, 0.7)[..., None] * plain((SIGMA_PX, SIGMA_PX)))
+    bias = np.where(band, 2.5 * SIGMA_PX, 0.0)[..., None] * [1.0, 1.0, 0.0]
+    assert deviations(found(surface, bias, misfit_share=0.8))[:2] == pytest.approx([0.7, 0.7], abs=0.1)
+    assert deviations(found(surface, misfit_share=0.8))[0] > 0.95
+
+
 def test_no_threshold_decides():
     """Each tenth of more scatter makes the ratio larger by less than three of them."""
     sizes = SIGMA_PX * np.arange(1.0, 1.6, 0.1)
