@@ -165,7 +165,7 @@ def _line(direction: Array, reach: int, beside: float) -> Codes:
 
 
 def _take_nearest(found: UnseenJumps, jumps: Jumps, lines: Index, is_crack: Mask) -> None:
-    """Set the most significant jump at each point, of those at points (n, 2) on lines, the less the further away."""
+    """Set the largest jump at each point, of those at points (n, 2) on lines, the less the further away."""
     shape, rows, cols = found.distance.shape, *lines.T
     normal, size = NORMALS[jumps.direction[rows, cols]], np.linalg.norm(jumps.jump[rows, cols], axis=1)
     reach, most = int(np.ceil(0.5 * (found.window + found.subsets.size / found.subsets.step))), np.zeros(shape)
