@@ -302,10 +302,14 @@ class Correlate(SubsetSearch):
         from dicflow.core.correlation.place_noise import noise_of_places
         from dicflow.core.correlation.search import noise_of_residual
         from dicflow.core.photographs.noise import noise_from_pair
+        from dicflow.core.threads import at_once
 
-        points = noise_of_residual(direct[0], self.spline_degree, self.subset_size)
         views, size = (first.image.grey, image, first.measured), self.subset_size
-        by_places = noise_of_places(*direct)
+        by_places, points = at_once(
+            self.thread_count,
+            partial(noise_of_places, *direct),
+            partial(noise_of_residual, direct[0], self.spline_degree, size),
+        )
         return noise_from_pair(noise, *views, points, by_places, pixels=size**2, smoothing_px=self.smoothing)
 
     def _no_subset(self, region: np.ndarray, status: np.ndarray) -> str:
