@@ -55,11 +55,11 @@ def opencv() -> Any:
 
 @cache
 def pillow() -> Any:
-    """Pillow without its warnings."""
+    """Pillow without its warnings, with TIFF, which it would load all of its formats to find."""
     import logging
     import warnings
 
-    from PIL import Image
+    from PIL import Image, TiffImagePlugin  # noqa: F401
 
     logging.getLogger("PIL").setLevel(logging.CRITICAL)
     warnings.filterwarnings("ignore", module=r"PIL\.")
