@@ -76,11 +76,13 @@ class Jumps(NamedTuple):
 
     significance : (row, col) — |J| in standard deviations; 0 where unknown
     jump : (row, col, 3) — J [mm]; direction : (row, col) — number of the normal of its line
+    of_normals : the significance (normal, row, col) and J (normal, row, col, 3) of the lines with each normal
     """
 
     significance: Array
     jump: Array
     direction: Codes
+    of_normals: tuple[Array, Array]
 
 
 class _Fit(NamedTuple):
@@ -138,7 +140,7 @@ def jumps_at_points(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets
 
     lost : (row, col) — where a jump was found
     """
-    best = Jumps(np.zeros(lost.shape), np.zeros((*lost.shape, 3)), np.zeros(lost.shape, dtype=np.uint8))
+    found = np.zeros((len(NORMALS), *lost.shape)), np.zeros((len(NORMALS), *lost.shape, 3))
     points, errors = _without_jumps(surface, subsets)
     values = points.values[..., :3] - points.values[..., 3:]
     whole = (surface.known & ~beside_borders(points.parts)).astype(np.float64)
@@ -150,11 +152,14 @@ def jumps_at_points(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets
         at, jump = places_of(complete), _summed(values, fit.weights)[complete]
         if len(at):
             ratios.append(_scatter_over_stated(values, errors, at[:: 1 + len(at) // _SAMPLES], fit))
-            _take(best, at, *_in_whole_windows(points, errors, at, jump, fit), fit.number)
+            _set(found, fit.number, at, *_in_whole_windows(points, errors, at, jump, fit))
         at = places_of(near & ~complete)
         if len(at):
-            _take(best, *_by_some_points(points, errors, at, fit), fit.number)
-    return best._replace(significance=best.significance / np.maximum(np.mean(ratios[1:] or ratios), 1.0))
+            _set(found, fit.number, *_by_some_points(points, errors, at, fit))
+    significance, jump = found[0] / np.maximum(np.mean(ratios[1:] or ratios), 1.0), found[1]
+    best = significance.argmax(axis=0)[None]
+    of_best = np.take_along_axis(jump, best[..., None], axis=0)[0]
+    return Jumps(significance.max(axis=0), of_best, best[0].astype(np.uint8), (significance, jump))
 
 
 def grown(mask: Mask, by: Codes) -> Mask:
@@ -258,12 +263,10 @@ def _by_some_points(
     return at, jump, _in_standard_deviations(jump, _covariance(points, errors, at, squares))
 
 
-def _take(best: Jumps, at: Index, jump: Array, significance: Array, number: int) -> None:
-    """Set jumps (n, 3) at rows and columns (n, 2) where they are more significant (n,) than those before."""
-    better = significance > best.significance[at[:, 0], at[:, 1]]
-    rows, cols = at[better].T
-    best.significance[rows, cols], best.jump[rows, cols] = significance[better], jump[better]
-    best.direction[rows, cols] = number
+def _set(found: tuple[Array, Array], number: int, at: Index, jump: Array, significance: Array) -> None:
+    """Set the significance (n,) and jumps (n, 3) at rows and columns (n, 2) across lines with one normal."""
+    rows, cols = at.T
+    found[0][number, rows, cols], found[1][number, rows, cols] = significance, jump
 
 
 def _in_standard_deviations(vectors: Array, covariance: Array) -> Array:

@@ -1,13 +1,15 @@
 """Jumps of the motion that no lost points mark: a crack towards its tip, or one that opens by a fraction of a pixel.
 
 Strain has a ridge there that is none. The line of a jump goes where the jump is most significant along its normal
-(:mod:`dicflow.core.strain.small_jumps`). It counts where it stands out against noise; ahead of the end of its line,
-what is found there counts as the jump that may go on unseen. A line that goes on from lost points is a crack. Any other
-may be a narrow band of true strain as well, so that between none and all of the ridge is wrong.
+(:mod:`dicflow.core.strain.small_jumps`). It counts where it stands out against noise; ahead of the end of its line, or
+of a long gap of lost points, what is found there counts as the jump that may go on unseen. A line that goes on from
+lost points is a crack. Any other may be a narrow band of true strain as well, so that between none and all of the ridge
+is wrong.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import cv2
@@ -88,9 +90,13 @@ def unseen_jumps(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets, w
     lost : (row, col) — points at which a jump was found; window : side of the window of a strain [points]
     """
     jumps = jumps_at_points(surface, lost, subsets)
-    if not (jumps.significance > _SIGMAS).any():
-        return None
     counts, direction = _lines(jumps, surface, subsets.reach)
+    for number, ahead in enumerate(_ahead_of_gaps(jumps, surface, lost, subsets)):
+        counts |= ahead
+        direction[ahead] = number
+        jumps.jump[ahead] = jumps.of_normals[1][number][ahead]
+    if not counts.any():
+        return None
     jumps = jumps._replace(direction=direction)
     found = UnseenJumps(
         np.zeros_like(jumps.jump),
@@ -137,6 +143,30 @@ def _lines(jumps: Jumps, surface: MeasuredSurface, reach: int) -> tuple[Mask, Co
         direction[ahead] = number
         counts |= lines | ahead
     return counts, direction
+
+
+def _ahead_of_gaps(jumps: Jumps, surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets) -> Iterator[Mask]:
+    """For each normal the points (row, col) straight ahead of the ends of long gaps of lost ones, on the crest there.
+
+    A gap along a crack is as wide as a subset. One that is twice as long, and not as wide, has the direction of its
+    crack, which goes on: what jumps in that direction counts, whatever is more significant in others.
+    """
+    gap, twice = ~surface.known & (surface.points.parts.number > 0), int(np.ceil(subsets.size / subsets.step))
+    for number, normal in enumerate(NORMALS):
+        along, strength = normal[::-1] * (1.0, -1.0), jumps.of_normals[0][number]
+        narrow = lost & ~_runs(lost, _line(normal, twice, 0.1))
+        long = _runs(narrow, _line(along, twice, 0.1))
+        free = surface.known & (strength > 0.0) & ~grown(gap, _line(normal, subsets.reach, 0.1))
+        crest = free & (strength >= cv2.dilate(strength, _line(normal, _NEXT, 0.1)))
+        yield crest & grown(long, _line(along, subsets.reach, _BESIDE))
+
+
+def _runs(mask: Mask, line: Codes) -> Mask:
+    """The points of a mask (row, col) that lie on a line (side, side) inside it."""
+    inside = cv2.morphologyEx(
+        mask.astype(np.uint8), cv2.MORPH_OPEN, line, borderType=cv2.BORDER_CONSTANT, borderValue=0
+    )
+    return np.asarray(inside > 0, dtype=np.bool_)
 
 
 def _beside(normal: Array, reach: int) -> Codes:

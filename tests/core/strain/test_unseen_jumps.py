@@ -159,6 +159,39 @@ def test_what_a_line_leaves_beside_it_does_not_hide_where_it_goes_on():
     assert (np.array(stated) > 3.0).mean() < 0.015
 
 
+LONG_GAP = (np.abs(ROWS_FROM_LINE) < 2.3) & (COL < 25)
+"""Lost points along a crack whose tip is 11 columns further."""
+
+
+def test_ahead_of_a_long_gap_a_jump_counts_that_is_not_significant():
+    """Over six draws of the noise of a crack that ends as the root of the distance; by significance alone, a third."""
+    opening = 0.045 * np.sqrt(np.clip((36.0 - COL) / 12.0, 0.0, None))
+    ahead = (np.abs(ROWS_FROM_LINE) < SUBSET / STEP) & (COL >= 25) & (COL < 36)
+    surfaces = [measured(ramp(opening), seed, LONG_GAP) for seed in range(6)]
+    found = [wrong_strain(one, unseen_jumps(one, LONG_GAP, SUBSETS, WINDOW)) for one in surfaces]
+    scaled, stated = (np.array([one[ahead] for one in kind]) for kind in zip(*found, strict=True))
+    assert (scaled > 3.0).mean() > 0.4
+    assert (stated > 3.0).mean() < 0.02
+
+
+def test_ahead_of_a_long_gap_without_a_jump_u_stays_small():
+    """What noise makes of a jump there is at most 2 σ on the average; elsewhere u is σ."""
+    ahead = (np.abs(ROWS_FROM_LINE) < SUBSET / STEP) & (COL >= 25) & (COL < 36)
+    ratios = []
+    for seed in range(6):
+        surface = measured(0.0 * ROW, seed, LONG_GAP)
+        scaled, stated = wrong_strain(surface, unseen_jumps(surface, LONG_GAP, SUBSETS, WINDOW))
+        ratios.append(scaled / stated)
+    assert np.mean([one[ahead] for one in ratios]) < 2.5
+    assert np.nanmean([one[:, 45:] for one in ratios]) < 1.05
+
+
+@pytest.mark.parametrize("gap", [np.hypot(ROW - 24, COL - 20) < 7.0, (np.abs(ROWS_FROM_LINE) < 2.3) & (COL < 8)])
+def test_ahead_of_a_gap_that_is_not_long_nothing_counts(gap):
+    """Round, or shorter than two subsets, at a rim too."""
+    assert all(unseen_jumps(measured(bent(), seed, gap), gap, SUBSETS, WINDOW) is None for seed in range(4))
+
+
 def test_places_beside_a_crack_lie_between_both_sides():
     """Half of the jump on the line, nothing beyond half a subset."""
     opening = np.full(SHAPE, 0.3)
