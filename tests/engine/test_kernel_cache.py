@@ -109,7 +109,7 @@ keep_kernels()
 from dicflow.core.surfaces import filters
 from numba.core.dispatcher import Dispatcher
 kernels = [one for one in vars(filters).values() if isinstance(one, Dispatcher)]
-kernels = [one for one in kernels if not one.targetoptions.get("no_cfunc_wrapper")]
+kernels = [one for one in kernels if not one.targetoptions.get("no_cpython_wrapper")]
 print({os.path.dirname(kernel.stats.cache_path) for kernel in kernels})
 """
 
