@@ -23,6 +23,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array
+from dicflow.core.kernels import KERNEL
 
 __all__ = [
     "Deformation",
@@ -139,5 +140,5 @@ def _tangents(deformation: Deformation, x: _Number, y: _Number) -> tuple[_Number
     )
 
 
-surface_kernel = njit(cache=True, nogil=True, no_cfunc_wrapper=True)(_surface)
-tangents_kernel = njit(cache=True, nogil=True, no_cfunc_wrapper=True)(_tangents)
+surface_kernel = njit(**KERNEL)(_surface)
+tangents_kernel = njit(**KERNEL)(_tangents)
