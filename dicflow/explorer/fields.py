@@ -168,10 +168,6 @@ class TotalFields:
 
     def quantities(self) -> Sequence[QuantityFacts]:
         """Those of the table in its order, then all other fields."""
-        return self._quantities
-
-    @cached_property
-    def _quantities(self) -> Sequence[QuantityFacts]:
         flat = () if self._example.in_space else ("W",)
         names = [name for name in self._example.fields if not name.startswith(tuple(ERRORS))]
         names = [name for name in names if name not in (*_ROUTES, *flat)]

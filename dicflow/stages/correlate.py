@@ -18,6 +18,7 @@ from dicflow.stages._lost import lost_status, lost_warning
 from dicflow.stages._parameters import large_subset
 from dicflow.stages._pattern import pattern_of_region, repetition_facts, repetition_of_region
 from dicflow.stages._shape import left_out, needed_shape
+from dicflow.stages._step_summary import step_summary
 from dicflow.stages._subsets import ShapeFunction, SubsetSearch, photograph_of
 
 if TYPE_CHECKING:
@@ -342,35 +343,8 @@ class Correlate(SubsetSearch):
         return {
             "interpolation": self.interpolation,
             "image_size": [width, height],
-            "summary": _summary(found, noise, overexposed),
+            "summary": step_summary(found, noise, overexposed),
         }
-
-
-def _summary(found: FoundPoints, noise: Noise, overexposed: float) -> dict[str, Any]:
-    """Scalars of a step; null without valid points.
-
-    overexposed : share of the region's pixels; NaN if it is outside the photograph
-    """
-    import numpy as np
-
-    from dicflow.core.correlation.points import VIA_REFERENCE_STEP
-    from dicflow.core.status import Status
-
-    valid = found.valid
-    in_region = valid | (found.status != Status.OUTSIDE) | np.isfinite(found.znssd)
-
-    def median(values: np.ndarray) -> float | None:
-        return float(np.median(values[valid])) if valid.any() else None
-
-    return {
-        "points": int(valid.sum()),
-        "valid_share": float(valid.sum() / max(int(in_region.sum()), 1)),
-        "chained_points": int((found.route == VIA_REFERENCE_STEP).sum()),
-        "znssd": median(found.znssd),
-        "iterations": median(found.iterations),
-        "noise_grey": noise.grey,
-        "overexposed_share": overexposed if np.isfinite(overexposed) else None,
-    }
 
 
 def _left_photograph(images: Product) -> Photograph:
