@@ -274,7 +274,8 @@ def judge(
     Points at edges are lost with the status that says why: MISFIT, UNEVEN_LIGHT or DISCONTINUITY.
     """
     centres, damping = correlation.centres, correlation.damping
-    field, edge_variance = _without_edges(correlation, centres - reference.origin, search, usual)
+    places = centres - reference.origin
+    field, edge_variance = _without_edges(correlation, places, search, usual)
     noise = 0.5 * search.noise**2 * field.covariance
     slope = gradient(field.warp, reference.points - centres)
     inherited = congruent(slope, reference.inherited_covariance)
@@ -284,7 +285,7 @@ def judge(
     ratio = damping.target * correlation.gain * search.target_noise_ratio**2
     target_noise = ratio * interpolated_noise_ratio(slope, search.degree)
     by_noise = inherited + (target_noise + damping.excess)[..., None] * noise
-    misfit = partial(_misfit, reference, correlation, field, edge_variance, search, target_noise)
+    misfit = partial(_misfit, correlation, field, slope, edge_variance, places, search, target_noise)
     in_first = partial(_in_first, reference, field, centres, damping.template * noise)
     (by_misfit, by_edges), (warp, by_template) = at_once(search.threads, misfit, in_first)
     routes = np.where(field.status == Status.VALID, route, 0).astype(np.uint8)
@@ -294,25 +295,27 @@ def judge(
 
 
 def _misfit(
-    reference: ReferencePhotograph,
     correlation: CorrelatedField,
     field: Field,
+    slope: Array,
     edge_variance: Array,
+    places: Array,
     search: Search,
     target_noise: Array,
 ) -> tuple[Array, Array]:
     """Covariances (rows, cols, 3) of the places by misfit and by edges nearby [px²]; 0 where these do not count.
 
     field : without the subsets at edges; edge_variance : (rows, cols) — of those near them [px²]
+    slope : (rows, cols, 2, 2) — gradient of the motion at the points; places : (rows, cols, 2) — of the subsets in the
+        template
     target_noise : (rows, cols) — variance by the noise of the target, over that by the template's
     """
     if not search.counts_misfit:
         return 0.0 * field.covariance, 0.0 * field.covariance
-    slope, damping = gradient(field.warp, reference.points - correlation.centres), correlation.damping
     unit = 0.5 * congruent(inverse(slope), field.covariance)
-    variance = search.noise**2 * (damping.template + target_noise)
+    variance = search.noise**2 * (correlation.damping.template + target_noise)
     common = np.where((edge_variance > 0.0)[..., None, None], np.nan, field.warp)
-    pair, places = (correlation.template, correlation.target), correlation.centres - reference.origin
+    pair = correlation.template, correlation.target
     misfit = misfit_covariance(*pair, places, common, search.subset, unit, variance, search.threads)
     return congruent(slope, misfit), congruent(slope, edge_variance[..., None] * np.array([1.0, 0.0, 1.0]))
 
