@@ -66,20 +66,34 @@ def _used(node: Node) -> Sequence[str]:
 
 
 def _search() -> None:
-    """Four subsets of a photograph, described and found in itself."""
+    """A subset of a photograph, found in itself, with its residual."""
     import numpy as np
 
-    from dicflow.core.correlation.follow import correlate_field
-    from dicflow.core.correlation.subsets import Subset, describe
+    from dicflow.core.correlation.subsets import Subset, correlate, residuals
     from dicflow.core.correlation.template import template
+    from dicflow.core.correlation.warp import identity
     from dicflow.core.photographs.interpolate import spline
 
     photograph = spline(np.random.default_rng(0).integers(0, 255, (_SIDE, _SIDE)).astype(np.uint8))
-    reference, grid = template(photograph), _grid()
-    starts = np.full((2, 2, 2, 3), np.nan)
-    starts[0, 0] = [[20.0, 1.0, 0.0], [20.0, 0.0, 1.0]]
-    describe(reference, None, grid.reshape(-1, 2), Subset(11))
-    correlate_field(reference, photograph, grid, starts, Subset(11))
+    reference, centre = template(photograph), np.full((1, 2), 24.0)
+    correlate(reference, photograph, centre, identity(centre), Subset(11))
+    residuals(reference, photograph, centre.astype(np.int64), identity(centre), Subset(11))
+
+
+def _neighbours() -> None:
+    """What four subsets that were found say of each other."""
+    import numpy as np
+
+    from dicflow.core.correlation.jumps import predicted_by_sides
+    from dicflow.core.correlation.neighbours import mean_of_neighbours, predicted_by_neighbours
+    from dicflow.core.correlation.warp import identity
+    from dicflow.core.parts import single_part
+
+    grid, status = _grid(), np.zeros((2, 2), dtype=np.uint8)
+    one, found = np.zeros((1, 2), dtype=np.int64), (status, identity(grid), grid, single_part(grid))
+    mean_of_neighbours(one, *found, np.zeros((2, 2)), 1)
+    predicted_by_neighbours(one, *found)
+    predicted_by_sides(one, *found, 1)
 
 
 def _grid() -> Any:
@@ -90,28 +104,19 @@ def _grid() -> Any:
 
 
 def _judgement() -> None:
-    """Four subsets of a photograph, judged as if they had been found in itself."""
+    """Residuals of four subsets, and a photograph at their centres."""
     import numpy as np
 
-    from dicflow.core.correlation.jumps import predicted_by_sides
     from dicflow.core.correlation.light import light_shift
-    from dicflow.core.correlation.residuals import residuals
-    from dicflow.core.correlation.subsets import Subset
-    from dicflow.core.correlation.template import template
+    from dicflow.core.correlation.residuals import new_residuals
     from dicflow.core.correlation.uneven import uneven_variance
-    from dicflow.core.correlation.warp import identity
-    from dicflow.core.parts import single_part
     from dicflow.core.photographs.interpolate import interpolate, spline
 
-    photograph = spline(np.random.default_rng(0).integers(0, 255, (_SIDE, _SIDE)).astype(np.uint8))
-    reference, grid = template(photograph), _grid()
-    one, status = np.zeros((1, 2), dtype=np.int64), np.zeros((2, 2), dtype=np.uint8)
-    predicted_by_sides(one, status, identity(grid), grid, single_part(grid), 1)
-    centres = grid.reshape(-1, 2).astype(np.int64)
-    fit = residuals(reference, photograph, centres, identity(centres), Subset(11))
+    fit = new_residuals(4, 11, 3)
     uneven_variance(fit, 11)
-    light_shift(fit, np.ones(len(centres), dtype=bool), 11)
-    interpolate(photograph, grid)
+    light_shift(fit, np.ones(4, dtype=bool), 11)
+    photograph = spline(np.random.default_rng(0).integers(0, 255, (_SIDE, _SIDE)).astype(np.uint8))
+    interpolate(photograph, _grid())
 
 
 def _motion() -> None:
@@ -166,6 +171,7 @@ def _disparity() -> None:
 KERNELS: Mapping[str, Callable[[], None]] = {
     "search": _search,
     "judgement": _judgement,
+    "neighbours": _neighbours,
     "refinement": _refinement,
     "polynomials": _polynomials,
     "strain": _strain,
@@ -174,8 +180,8 @@ KERNELS: Mapping[str, Callable[[], None]] = {
 }
 """Kernels by name, those that take longest to compile first."""
 _USED: Mapping[str, Sequence[str]] = {
-    "correlate": ("search", "judgement", "motion"),
-    "stereo": ("search", "judgement", "motion"),
+    "correlate": ("search", "judgement", "neighbours", "motion"),
+    "stereo": ("search", "judgement", "neighbours", "motion"),
     "track": ("motion",),
     "disparity": ("disparity",),
     "displacement": ("polynomials",),

@@ -23,8 +23,7 @@ import numpy as np
 from dicflow.core.arrays import Array, Codes, Index, Mask
 from dicflow.core.correlation.follow import Field
 from dicflow.core.correlation.light import light_shift
-from dicflow.core.correlation.residuals import residuals
-from dicflow.core.correlation.subsets import Subset
+from dicflow.core.correlation.subsets import Subset, residuals
 from dicflow.core.correlation.template import Template
 from dicflow.core.correlation.uneven import uneven_variance
 from dicflow.core.photographs.interpolate import Spline

@@ -14,14 +14,18 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import njit
 
 from dicflow.core.arrays import Array, Codes, Index, Iterations, Mask
-from dicflow.core.correlation.neighbours import Prediction, disagreeing, influenced, predicted_by_neighbours
+from dicflow.core.correlation.neighbours import (
+    Prediction,
+    disagreeing,
+    influenced,
+    mean_of_neighbours,
+    predicted_by_neighbours,
+)
 from dicflow.core.correlation.subsets import Correlated, Subset, correlate
 from dicflow.core.correlation.template import Template
 from dicflow.core.correlation.warp import TERMS, recentred
-from dicflow.core.kernels import INNER, KERNEL
 from dicflow.core.nearest import nearest
 from dicflow.core.parts import Parts, are_apart, single_part
 from dicflow.core.photographs.interpolate import Spline
@@ -35,9 +39,6 @@ _STRIDES = (8, 4, 2, 1)
 _MAX_TRIES, _MAX_REPAIRS = 3, 3
 _MIN_RATIOS, _CONTRACTION_QUANTILE = 20, 0.95
 """Points that fix the contraction, and the quantile of theirs that it is."""
-_ZNSSD_OFFSET = 1e-3
-"""Added to the ZNSSD of a neighbour, whose weight is the inverse."""
-_VALID = int(Status.VALID)
 _FINAL_STATUSES = (Status.CUT_SUBSET, Status.LOW_TEXTURE)
 """A point with one of these is not tried again: the reason does not depend on the start."""
 
@@ -211,18 +212,8 @@ class _FieldSearch:
 
     def predicted_warps(self, points: Index, stride: int) -> Array:
         """Warps (n, 2, 3 or 6) of points (n, 2) from their eight neighbours ``stride`` away; NaN without any."""
-        warps = np.full((len(points), *self.field.warp.shape[2:]), np.nan)
-        _predict_warps(
-            np.ascontiguousarray(points),
-            self.field.status,
-            self.field.warp,
-            self.grid,
-            self.field.znssd,
-            stride,
-            self.parts,
-            warps,
-        )
-        return warps
+        field = self.field
+        return mean_of_neighbours(points, field.status, field.warp, self.grid, self.parts, field.znssd, stride)
 
 
 def _untracked_field(grid: Array, subset: Subset) -> Field:
@@ -259,46 +250,3 @@ def _nearest(starts: Array, grid: Array, parts: Parts, points: Index, stride: in
 def _dilated(mask: Mask) -> Mask:
     """The mask grown by one point in all eight directions."""
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), dtype=np.uint8)) > 0, dtype=np.bool_)
-
-
-@njit(**KERNEL)
-def _predict_warps(
-    points: Index, status: Codes, warp: Array, grid: Array, znssd: Array, stride: int, parts: Parts, out: Array
-) -> None:
-    """Mean of what the warps of the valid ones of eight neighbours predict, weighted by how well these fit."""
-    rows, cols = status.shape
-    terms = out.shape[2]
-    sums = np.empty((2, terms))
-    for k in range(len(points)):
-        i, j, total = points[k, 0], points[k, 1], 0.0
-        for axis in range(2):
-            for term in range(terms):
-                sums[axis, term] = 0.0
-        for a in range(i - stride, i + stride + 1, stride):
-            for b in range(j - stride, j + stride + 1, stride):
-                if 0 <= a < rows and 0 <= b < cols and status[a, b] == _VALID and not are_apart(parts, i, j, a, b):
-                    weight = 1.0 / (znssd[a, b] + _ZNSSD_OFFSET)
-                    total += weight
-                    x, y = grid[i, j, 0] - grid[a, b, 0], grid[i, j, 1] - grid[a, b, 1]
-                    _add_recentred(warp[a, b], x, y, weight, sums)
-        if total > 0.0:
-            for axis in range(2):
-                for term in range(terms):
-                    out[k, axis, term] = sums[axis, term] / total
-
-
-@njit(**INNER)
-def _add_recentred(warp: Array, x: float, y: float, weight: float, out: Array) -> None:
-    """Add a weighted warp, taken about the point at (x, y) from its centre."""
-    for axis in range(2):
-        c = warp[axis]
-        place, by_x, by_y = c[0] + c[1] * x + c[2] * y, c[1], c[2]
-        if len(c) == 6:
-            place += c[3] * x * x + c[4] * x * y + c[5] * y * y
-            by_x, by_y = by_x + 2.0 * c[3] * x + c[4] * y, by_y + c[4] * x + 2.0 * c[5] * y
-            out[axis, 3] += weight * c[3]
-            out[axis, 4] += weight * c[4]
-            out[axis, 5] += weight * c[5]
-        out[axis, 0] += weight * place
-        out[axis, 1] += weight * by_x
-        out[axis, 2] += weight * by_y

@@ -9,7 +9,8 @@ from numba import njit
 
 from dicflow.core.arrays import Array, Image
 from dicflow.core.cholesky import factorise, solve
-from dicflow.core.correlation.sampling import Places, copy_patch, locate_pixels, sample_runs
+from dicflow.core.correlation.residuals import Residuals, set_residuals
+from dicflow.core.correlation.sampling import Places, copy_patch, locate_pixels, sample_runs, sample_scattered
 from dicflow.core.correlation.subset_sums import (
     Pixels,
     centre_grey,
@@ -89,19 +90,31 @@ def iterate(
     control: Control,
     places: Places,
     c: Array,
+    rest: Residuals,
+    k: int,
 ) -> tuple[int, int, float, float]:
     """Improve the warp ``c`` until it converges; returns status, iterations, ZNSSD and ratio of the last increments.
+
+    rest : where it has room, the residuals of the k-th subset are set instead, and the warp stays as it is
 
     Gauss-Newton increments shrink by a ratio r, so the correction that remains after one of size e is e r/(1 − r). For
     the first increment, r is ``control.contraction``.
     """
     terms, level = len(normal.increment) // 2, np.float32(normal.statistics[0])
-    last_size, ratio, znssd = 0.0, np.nan, np.nan
+    last_size, ratio, znssd, is_compared = 0.0, np.nan, np.nan, len(rest.f) > 0
     for iteration in range(1, control.iterations + 1):
         if not locate_pixels(c, coefficients.shape, p.xi, p.eta, n, half, places):
             return _OUTSIDE, iteration, znssd, np.nan
-        if abs(c[0, 1] - 1.0) + abs(c[1, 1]) < _MAX_SLIP_OF_RUNS and copy_patch(coefficients, c, places):
+        is_slow = abs(c[0, 1] - 1.0) + abs(c[1, 1]) >= _MAX_SLIP_OF_RUNS and not is_compared
+        in_runs = not is_slow and copy_patch(coefficients, c, places)
+        if in_runs:
             sample_runs(control.degree, c, half, p.row_rest, n, places)
+        if is_compared:
+            if not in_runs:
+                sample_scattered(coefficients, c, control.degree, n, places)
+            set_residuals(p, n, places, half, rest, k)
+            return _VALID, 0, znssd, ratio
+        if in_runs:
             grey_sums(places.g, level, p, n, normal.grey_sums)
         else:
             gathered_sums(coefficients, c, control.degree, places, level, p, n, normal.grey_sums)

@@ -26,8 +26,8 @@ import numpy as np
 from numpy.fft import irfft2, rfft2
 
 from dicflow.core.arrays import Array, Image, Index, Mask
-from dicflow.core.correlation.residuals import Residuals, residuals
-from dicflow.core.correlation.subsets import Subset
+from dicflow.core.correlation.residuals import Residuals
+from dicflow.core.correlation.subsets import Subset, residuals
 from dicflow.core.correlation.template import Template
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.tensors import upper_triangle

@@ -23,7 +23,7 @@ from dicflow.core.parts import Parts, are_apart
 from dicflow.core.status import Status
 from dicflow.core.threads import over
 
-__all__ = ["Prediction", "disagreeing", "influenced", "predicted_by_neighbours"]
+__all__ = ["Prediction", "disagreeing", "influenced", "mean_of_neighbours", "predicted_by_neighbours"]
 
 
 _REACH = 2
@@ -35,6 +35,8 @@ _MIN_NEIGHBOURS = 5
 _SPREADS, _SIGMAS, _FREE_PX = 4.0, 5.0, 0.1
 """Median deviations of the predictions, standard deviations by the residual, and pixels, whose sum a point may differ
 from its neighbours. Curved motion at a rim differs by some hundredths of a pixel."""
+_ZNSSD_OFFSET = 1e-3
+"""Added to the ZNSSD of a neighbour, whose weight is the inverse."""
 _VALID = int(Status.VALID)
 
 
@@ -64,6 +66,18 @@ def predicted_by_neighbours(
         _take_medians(points[some], status, warp, grid, parts, found.warp[some], found.spread[some])
 
     over(threads, take, (slice(first, first + _CHUNK) for first in range(0, len(points), _CHUNK)))
+    return found
+
+
+def mean_of_neighbours(
+    points: Index, status: Codes, warp: Array, grid: Array, parts: Parts, znssd: Array, stride: int
+) -> Array:
+    """Warps (n, 2, 3 or 6) of points (n, 2) of a grid from their eight neighbours ``stride`` away; NaN without any.
+
+    status, znssd : (rows, cols); warp : (rows, cols, 2, 3 or 6); grid : (rows, cols, 2) — centres of the subsets [px]
+    """
+    found = np.full((len(points), *warp.shape[2:]), np.nan)
+    _predict_warps(np.ascontiguousarray(points), status, warp, grid, znssd, stride, parts, found)
     return found
 
 
@@ -117,3 +131,46 @@ def _agree(x: Array, y: Array, place: Array) -> bool:
         near_x += abs(x[n] - place[0]) < _FREE_PX
         near_y += abs(y[n] - place[1]) < _FREE_PX
     return 2 * min(near_x, near_y) > len(x) + 1
+
+
+@njit(**KERNEL)
+def _predict_warps(
+    points: Index, status: Codes, warp: Array, grid: Array, znssd: Array, stride: int, parts: Parts, out: Array
+) -> None:
+    """Mean of what the warps of the valid ones of eight neighbours predict, weighted by how well these fit."""
+    rows, cols = status.shape
+    terms = out.shape[2]
+    sums = np.empty((2, terms))
+    for k in range(len(points)):
+        i, j, total = points[k, 0], points[k, 1], 0.0
+        for axis in range(2):
+            for term in range(terms):
+                sums[axis, term] = 0.0
+        for a in range(i - stride, i + stride + 1, stride):
+            for b in range(j - stride, j + stride + 1, stride):
+                if 0 <= a < rows and 0 <= b < cols and status[a, b] == _VALID and not are_apart(parts, i, j, a, b):
+                    weight = 1.0 / (znssd[a, b] + _ZNSSD_OFFSET)
+                    total += weight
+                    x, y = grid[i, j, 0] - grid[a, b, 0], grid[i, j, 1] - grid[a, b, 1]
+                    _add_recentred(warp[a, b], x, y, weight, sums)
+        if total > 0.0:
+            for axis in range(2):
+                for term in range(terms):
+                    out[k, axis, term] = sums[axis, term] / total
+
+
+@njit(**INNER)
+def _add_recentred(warp: Array, x: float, y: float, weight: float, out: Array) -> None:
+    """Add a weighted warp, taken about the point at (x, y) from its centre."""
+    for axis in range(2):
+        c = warp[axis]
+        place, by_x, by_y = c[0] + c[1] * x + c[2] * y, c[1], c[2]
+        if len(c) == 6:
+            place += c[3] * x * x + c[4] * x * y + c[5] * y * y
+            by_x, by_y = by_x + 2.0 * c[3] * x + c[4] * y, by_y + c[4] * x + 2.0 * c[5] * y
+            out[axis, 3] += weight * c[3]
+            out[axis, 4] += weight * c[4]
+            out[axis, 5] += weight * c[5]
+        out[axis, 0] += weight * place
+        out[axis, 1] += weight * by_x
+        out[axis, 2] += weight * by_y

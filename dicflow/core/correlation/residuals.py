@@ -7,33 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from dicflow.core.arrays import Array, Image, Index, Mask
-from dicflow.core.correlation.sampling import (
-    Places,
-    copy_patch,
-    locate_pixels,
-    new_places,
-    sample_runs,
-    sample_scattered,
-)
+from dicflow.core.arrays import Image
+from dicflow.core.correlation.sampling import Places
 from dicflow.core.correlation.subset_sums import Pixels
-from dicflow.core.correlation.subsets import Subset, pixel_weights
-from dicflow.core.correlation.template import (
-    Template,
-    copy_square,
-    count_rows,
-    gather_part,
-    is_whole,
-    keep_measured,
-    kernel_mask,
-    lay_out,
-    shows_measured,
-)
-from dicflow.core.correlation.warp import TERMS
-from dicflow.core.kernels import INNER, KERNEL
-from dicflow.core.photographs.interpolate import FAST_MATH, Spline
+from dicflow.core.kernels import INNER
+from dicflow.core.photographs.interpolate import FAST_MATH
 
-__all__ = ["Residuals", "residuals"]
+__all__ = ["Residuals", "new_residuals", "set_residuals"]
 
 
 class Residuals(NamedTuple):
@@ -53,66 +33,14 @@ class Residuals(NamedTuple):
     terms: int
 
 
-def residuals(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> Residuals:
-    """Residuals of subsets that were found.
-
-    centres : (n, 2) — whole pixels of the template; warp : (n, 2, 3 or 6)
-    """
-    arrays = np.zeros((5, len(centres), subset.size**2), dtype=np.float32)
-    found = Residuals(arrays[0], arrays[1], arrays[2], arrays[3], arrays[4], TERMS[subset.shape_function])
-    whole_warp = np.zeros((len(warp), 2, 6))
-    whole_warp[..., : warp.shape[-1]] = warp
-    photograph = target.coefficients, kernel_mask(target.measured), target.degree
-    _compare(reference, photograph, centres, whole_warp, pixel_weights(subset), found)
-    return found
-
-
-@njit(error_model="numpy", **KERNEL)
-def _compare(
-    reference: Template,
-    target: tuple[Image, Mask, int],
-    centres: Index,
-    warp: Array,
-    weight: Image,
-    found: Residuals,
-) -> None:
-    """The loop of :func:`residuals` over subsets, which share one working space.
-
-    target : coefficients and degree of its spline, and its measured pixels (rows, cols); an empty mask if all are
-    warp : (n, 2, 6)
-    """
-    coefficients, measured, degree = target
-    size, half, room = len(weight), len(weight) // 2, weight.size
-    grey, row_rest = np.empty((9, room), dtype=np.float32), np.empty((2, room), dtype=np.int32)
-    whole = Pixels(grey[0], grey[1], grey[2], grey[3], grey[4], grey[5], row_rest[0])
-    cut = Pixels(grey[0], grey[1], grey[2], grey[6], grey[7], grey[8], row_rest[1])
-    lay_out(weight, whole)
-    places, marks = new_places(room), np.empty((size, size), dtype=np.uint8)
-    for k in range(len(centres)):
-        row, col, c = centres[k, 1], centres[k, 0], warp[k]
-        p, n = whole, room
-        is_clear = measured.size == 0 or shows_measured(measured, c, half)
-        if is_clear and is_whole(reference.unusable, row, col, half):
-            copy_square(reference.grey, row, col, size, p.f)
-            copy_square(reference.by_x, row, col, size, p.fx)
-            copy_square(reference.by_y, row, col, size, p.fy)
-        else:
-            p = cut
-            n, _ = gather_part(reference, row, col, weight, p, marks)
-            if measured.size > 0:
-                n = keep_measured(p, n, c, half, measured)
-            if n > 0:
-                count_rows(p, n, half)
-        if n > 0 and locate_pixels(c, coefficients.shape, p.xi, p.eta, n, half, places):
-            if copy_patch(coefficients, c, places):
-                sample_runs(degree, c, half, p.row_rest, n, places)
-            else:
-                sample_scattered(coefficients, c, degree, n, places)
-            _set_residuals(p, n, places, half, found, k)
+def new_residuals(count: int, size: int, terms: int) -> Residuals:
+    """Residuals of so many subsets with sides of so many pixels; all values are 0."""
+    arrays = np.zeros((5, count, size**2), dtype=np.float32)
+    return Residuals(arrays[0], arrays[1], arrays[2], arrays[3], arrays[4], terms)
 
 
 @njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
-def _set_residuals(p: Pixels, n: int, places: Places, half: int, found: Residuals, k: int) -> None:
+def set_residuals(p: Pixels, n: int, places: Places, half: int, found: Residuals, k: int) -> None:
     """Set all values of the k-th subset from its n pixels."""
     total, f_mean, g_mean, f_square, g_square = 1e-12, 0.0, 0.0, 0.0, 0.0
     for i in range(n):

@@ -26,6 +26,7 @@ from dicflow.core.correlation.gauss_newton import (
     mean_square_slope,
     prepare,
 )
+from dicflow.core.correlation.residuals import Residuals, new_residuals
 from dicflow.core.correlation.sampling import Places, new_places
 from dicflow.core.correlation.subset_sums import Pixels
 from dicflow.core.correlation.template import (
@@ -46,7 +47,7 @@ from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 from dicflow.core.threads import over
 
-__all__ = ["Correlated", "Subset", "correlate", "describe", "pixel_weights"]
+__all__ = ["Correlated", "Subset", "correlate", "describe", "pixel_weights", "residuals"]
 
 
 _CHUNK = 512
@@ -157,6 +158,20 @@ def describe(
     return found
 
 
+def residuals(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> Residuals:
+    """Residuals of subsets that were found.
+
+    centres : (n, 2) — whole pixels of the template; warp : (n, 2, 3 or 6)
+    """
+    found, photograph = _unsearched(warp, Status.VALID), (target.coefficients, kernel_mask(target.measured))
+    rest = new_residuals(len(centres), subset.size, TERMS[subset.shape_function])
+    any_pixels = _control(subset, target.degree, 1.0)._replace(min_share=0.0, min_pixels=1)
+    warp, weight = np.ascontiguousarray(warp), pixel_weights(subset)
+    work = _working_space(weight, warp.shape[-1])
+    _correlate(reference, photograph, centres, warp, weight, any_pixels, work, found, rest)
+    return rest
+
+
 def _complete(
     found: Correlated,
     reference: Template,
@@ -168,11 +183,11 @@ def _complete(
     threads: int,
 ) -> None:
     """Let so many threads do :func:`_correlate`, each for some subsets at a time."""
-    whole_pixels = centres.astype(np.int64)
+    whole_pixels, no_rest = centres.astype(np.int64), new_residuals(0, len(weight), start.shape[-1])
 
     def correlate_chunk(chunk: slice) -> None:
-        results = Correlated._make(field[chunk] for field in found)
-        _correlate(reference, target, whole_pixels[chunk], start[chunk], weight, control, results)
+        results, work = Correlated._make(field[chunk] for field in found), _working_space(weight, start.shape[-1])
+        _correlate(reference, target, whole_pixels[chunk], start[chunk], weight, control, work, results, no_rest)
 
     over(threads, correlate_chunk, (slice(first, first + _CHUNK) for first in range(0, len(centres), _CHUNK)))
 
@@ -231,18 +246,16 @@ class _Work(NamedTuple):
     marks: Bytes
 
 
-@njit(error_model="numpy", **INNER)
 def _working_space(weight: Image, terms: int) -> _Work:
-    size, room = len(weight), len(weight) ** 2
+    """Working space for subsets with so many terms of the warp per coordinate."""
+    size, room = len(weight), weight.size
     grey, geometry = np.empty((3, room), dtype=np.float32), np.empty((6, room), dtype=np.float32)
     ones_like_f, row_rest = np.ones(room, dtype=np.float32), np.empty((2, room), dtype=np.int32)
-    whole = Pixels(grey[0], grey[1], grey[2], geometry[0], geometry[1], geometry[2], row_rest[0])
-    cut = Pixels(grey[0], grey[1], grey[2], geometry[3], geometry[4], geometry[5], row_rest[1])
+    whole, cut = (Pixels._make([*grey, *geometry[3 * k : 3 * k + 3], row_rest[k]]) for k in range(2))
     lay_out(weight, whole)
     square, vector = np.empty((2, 2 * terms, 2 * terms)), np.empty((3, 2 * terms))
-    normal = NormalEquations(
-        square[0], square[1], vector[0], vector[1], np.empty(3), np.empty(15), np.empty(3 + 2 * terms), vector[2]
-    )
+    sums = np.empty(3), np.empty(15), np.empty(3 + 2 * terms)
+    normal = NormalEquations._make([*square, *vector[:2], *sums, vector[2]])
     return _Work(whole, cut, new_places(room), normal, ones_like_f, np.empty((size, size), dtype=np.uint8))
 
 
@@ -254,18 +267,20 @@ def _correlate(
     start: Array,
     weight: Image,
     control: Control,
+    work: _Work,
     found: Correlated,
+    rest: Residuals,
 ) -> None:
-    """The loop of :func:`correlate` and :func:`describe` over points, which share one working space.
+    """The loop of :func:`correlate`, :func:`describe` and :func:`residuals` over points, which share working space.
 
     target : coefficients of its spline, and its measured pixels (rows, cols); an empty mask if all are
     found : subsets that are VALID already are not searched for, they lie where they start
+    rest : set instead of anything else, where it has room
 
     The warp decides which pixels are measured in the target too. They are selected again until the place settles.
     """
     coefficients, measured = target
-    half, c = len(weight) // 2, np.zeros((2, 6))
-    work = _working_space(weight, start.shape[2])
+    half, c, is_compared = len(weight) // 2, np.zeros((2, 6)), len(rest.f) > 0
     for k in range(len(centres)):
         if not _is_known(start[k]):
             continue
@@ -279,12 +294,12 @@ def _correlate(
             if n == 0:
                 break
             p = work.whole if is_whole else work.cut
-            if not prepare(p, n, work.ones_like_f, work.normal):
+            if not is_compared and not prepare(p, n, work.ones_like_f, work.normal):
                 found.status[k] = _LOW_TEXTURE
                 break
-            if not is_found:
+            if is_compared or not is_found:
                 found.status[k], found.iterations[k], found.znssd[k], found.contraction[k] = iterate(
-                    coefficients, p, n, half, work.normal, control, work.places, c
+                    coefficients, p, n, half, work.normal, control, work.places, c, rest, k
                 )
             shift = abs(c[0, 0] - x) + abs(c[1, 0] - y)
             settled = measured.size == 0 or shift < (CLEAR_MARGIN_PX if is_clear else _MAX_SHIFT_PX)
@@ -292,7 +307,7 @@ def _correlate(
                 break
         if found.status[k] == _VALID and not settled:
             found.status[k] = _NOT_CONVERGED
-        if found.status[k] == _VALID:
+        if found.status[k] == _VALID and not is_compared:
             _copy_coefficients(found.warp[k], c)
             _set_uncertainty(p, n, work.ones_like_f, work.normal, control, c, found, k)
 

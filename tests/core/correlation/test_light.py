@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from dicflow.core.correlation.light import light_shift
-from dicflow.core.correlation.residuals import residuals
-from dicflow.core.correlation.subsets import Subset
+from dicflow.core.correlation.subsets import Subset, residuals
 from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import spline

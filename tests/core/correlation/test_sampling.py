@@ -25,23 +25,24 @@ GRADIENTS = {
 def sampled(photograph, warp, kept):
     """Grey levels of the kept pixels (pixel,) of a subset by a warp (2, 6)."""
     xi, eta = (OFFSETS[kept] / HALF).astype(np.float32).T.copy()
-    is_inside, is_copied, grey = in_kernel(
-        photograph.coefficients, photograph.degree, warp, xi, eta, HALF, row_rest(kept)
+    places = new_places(len(xi))
+    is_inside, is_copied = in_kernel(
+        photograph.coefficients, photograph.degree, warp, xi, eta, HALF, row_rest(kept), places
     )
     assert is_inside
     assert is_copied
-    return grey
+    return places.g[: len(xi)]
 
 
 @njit
-def in_kernel(coefficients, degree, warp, xi, eta, half, rest):
-    """Whether all pixels are inside, whether their coefficients are copied, and the grey levels (pixel,) then."""
-    places, n = new_places(len(xi)), len(xi)
+def in_kernel(coefficients, degree, warp, xi, eta, half, rest, places):
+    """Whether all pixels are inside, and whether their coefficients are copied; grey levels are sampled then."""
+    n = len(xi)
     is_inside = locate_pixels(warp, coefficients.shape, xi, eta, n, half, places)
     is_copied = is_inside and copy_patch(coefficients, warp, places)
     if is_copied:
         sample_runs(degree, warp, half, rest, n, places)
-    return is_inside, is_copied, places.g[:n]
+    return is_inside, is_copied
 
 
 def row_rest(kept):

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from dicflow.core.correlation.residuals import residuals
 from dicflow.core.correlation.search import without_mixed_rim
-from dicflow.core.correlation.subsets import Subset, correlate
+from dicflow.core.correlation.subsets import Subset, correlate, residuals
 from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import spline
