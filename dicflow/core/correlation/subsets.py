@@ -27,7 +27,6 @@ from dicflow.core.correlation.gauss_newton import (
     prepare,
 )
 from dicflow.core.correlation.residuals import Residuals, new_residuals
-from dicflow.core.correlation.sampling import Places, new_places
 from dicflow.core.correlation.subset_sums import Pixels
 from dicflow.core.correlation.template import (
     CLEAR_MARGIN_PX,
@@ -38,10 +37,10 @@ from dicflow.core.correlation.template import (
     is_whole,
     keep_measured,
     kernel_mask,
-    lay_out,
     shows_measured,
 )
 from dicflow.core.correlation.warp import TERMS, identity
+from dicflow.core.correlation.working_space import Work, working_space
 from dicflow.core.kernels import INNER, KERNEL
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
@@ -167,7 +166,7 @@ def residuals(reference: Template, target: Spline, centres: Index, warp: Array, 
     rest = new_residuals(len(centres), subset.size, TERMS[subset.shape_function])
     any_pixels = _control(subset, target.degree, 1.0)._replace(min_share=0.0, min_pixels=1)
     warp, weight = np.ascontiguousarray(warp), pixel_weights(subset)
-    work = _working_space(weight, warp.shape[-1])
+    work = working_space(weight, warp.shape[-1])
     _correlate(reference, photograph, centres, warp, weight, any_pixels, work, found, rest)
     return rest
 
@@ -186,7 +185,7 @@ def _complete(
     whole_pixels, no_rest = centres.astype(np.int64), new_residuals(0, len(weight), start.shape[-1])
 
     def correlate_chunk(chunk: slice) -> None:
-        results, work = Correlated._make(field[chunk] for field in found), _working_space(weight, start.shape[-1])
+        results, work = Correlated._make(field[chunk] for field in found), working_space(weight, start.shape[-1])
         _correlate(reference, target, whole_pixels[chunk], start[chunk], weight, control, work, results, no_rest)
 
     over(threads, correlate_chunk, (slice(first, first + _CHUNK) for first in range(0, len(centres), _CHUNK)))
@@ -232,33 +231,6 @@ def pixel_weights(subset: Subset) -> Image:
     return np.outer(gaussian, gaussian).astype(np.float32)
 
 
-class _Work(NamedTuple):
-    """Working space for one subset after the other: pixels of whole and of cut subsets, and what is made of them.
-
-    ones_like_f : (pixel,) float32; marks : (size, size) uint8
-    """
-
-    whole: Pixels
-    cut: Pixels
-    places: Places
-    normal: NormalEquations
-    ones_like_f: Image
-    marks: Bytes
-
-
-def _working_space(weight: Image, terms: int) -> _Work:
-    """Working space for subsets with so many terms of the warp per coordinate."""
-    size, room = len(weight), weight.size
-    grey, geometry = np.empty((3, room), dtype=np.float32), np.empty((6, room), dtype=np.float32)
-    ones_like_f, row_rest = np.ones(room, dtype=np.float32), np.empty((2, room), dtype=np.int32)
-    whole, cut = (Pixels._make([*grey, *geometry[3 * k : 3 * k + 3], row_rest[k]]) for k in range(2))
-    lay_out(weight, whole)
-    square, vector = np.empty((2, 2 * terms, 2 * terms)), np.empty((3, 2 * terms))
-    sums = np.empty(3), np.empty(15), np.empty(3 + 2 * terms)
-    normal = NormalEquations._make([*square, *vector[:2], *sums, vector[2]])
-    return _Work(whole, cut, new_places(room), normal, ones_like_f, np.empty((size, size), dtype=np.uint8))
-
-
 @njit(error_model="numpy", **KERNEL)
 def _correlate(
     reference: Template,
@@ -267,7 +239,7 @@ def _correlate(
     start: Array,
     weight: Image,
     control: Control,
-    work: _Work,
+    work: Work,
     found: Correlated,
     rest: Residuals,
 ) -> None:
@@ -320,7 +292,7 @@ def _collect(
     centre: tuple[int, int],
     weight: Image,
     control: Control,
-    work: _Work,
+    work: Work,
     c: Array,
 ) -> tuple[bool, int, int]:
     """Collect the pixels of the subset around (row, column): whether it is whole, their number, and its status.

@@ -67,13 +67,15 @@ def test_pixels_beyond_the_border(place, inside):
     xi, eta = (OFFSETS / HALF).astype(np.float32).T.copy()
     warp = np.array([[place[0], 1.0, 0.0, 0.0, 0.0, 0.0], [place[1], 0.0, 1.0, 0.0, 0.0, 0.0]])
     whole = row_rest(np.ones(len(OFFSETS), dtype=bool))
-    assert in_kernel(spline(PHOTOGRAPH).coefficients, 5, warp, xi, eta, HALF, whole)[0] is inside
+    places = new_places(len(xi))
+    assert in_kernel(spline(PHOTOGRAPH).coefficients, 5, warp, xi, eta, HALF, whole, places)[0] is inside
 
 
 def test_a_subset_with_too_many_coefficients_is_not_copied():
     photograph, half = spline(np.zeros((220, 220))), 95
     xi, eta = (np.random.default_rng(0).uniform(-1.0, 1.0, (2, 500))).astype(np.float32)
     warp = np.array([[110.0, 1.1, 0, 0, 0, 0], [110.0, 0, 1.1, 0, 0, 0]])
-    is_inside, is_copied, _ = in_kernel(photograph.coefficients, 5, warp, xi, eta, half, np.ones(500, dtype=np.int32))
+    rest, places = np.ones(500, dtype=np.int32), new_places(500)
+    is_inside, is_copied = in_kernel(photograph.coefficients, 5, warp, xi, eta, half, rest, places)
     assert is_inside
     assert not is_copied
