@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
@@ -182,7 +183,7 @@ def compute_and_write(
 
     _, progress = consoles()
     with Progress(progress, _afterwards(loaded, pictures=pictures, report=report)) as shown:
-        result = _compute(loaded, shown, phases, **options)
+        result = _compute(loaded, shown, phases, draws=pictures or report, **options)
         phases.end(TASKS)
         drawn = _draw(loaded, result, folder, options["workers"], shown, phases, pictures=pictures, report=report)
     _print_run(progress, result, folder, drawn)
@@ -212,15 +213,28 @@ def _afterwards(loaded: Pipeline, *, pictures: bool, report: bool) -> dict[str, 
     return {what: seconds for what, seconds in expected.items() if seconds}
 
 
-def _compute(loaded: Pipeline, shown: Progress, phases: Phases, **options: Any) -> Result:
-    """The run of a loaded pipeline, the end of its plan noted in `phases`."""
+def _compute(loaded: Pipeline, shown: Progress, phases: Phases, *, draws: bool, **options: Any) -> Result:
+    """The run of a loaded pipeline, the end of its plan noted in `phases`.
+
+    draws : whether something is drawn afterwards, the code of which is loaded while workers compute
+    """
 
     def on_event(event: Event) -> None:
         if event.kind == "planned":
             phases.end("plan")
+            if draws and event.counts["run"]:
+                Thread(target=_load_drawing, daemon=True).start()
         shown.on_event(event)
 
     return loaded.run(on_event=on_event, **options)
+
+
+def _load_drawing() -> None:
+    import numcodecs  # noqa: F401
+
+    import dicflow.report.build
+    import dicflow.report.reporting
+    import dicflow.views.published_maps  # noqa: F401
 
 
 def _draw(

@@ -291,8 +291,9 @@ def _pair(rig_product: Product, images: Product, threads: int) -> bytes:
     rig = CalibratedRig.read(rig_product).cameras
     aligned = rectification(rig)
     part = crop_around([], aligned.size, _PAIR_PX)
-    left = partial(rectify, images["left"], rig.left, aligned.rotation_left, aligned.matrix_left, aligned.size)
-    right = partial(rectify, images["right"], rig.right, aligned.rotation_right, aligned.matrix_right, aligned.size)
+    rough, size = partial(rectify, is_rough=True), aligned.size
+    left = partial(rough, images["left"], rig.left, aligned.rotation_left, aligned.matrix_left, size)
+    right = partial(rough, images["right"], rig.right, aligned.rotation_right, aligned.matrix_right, size)
     width, height = part.size
     content = {
         "size": [width, height],

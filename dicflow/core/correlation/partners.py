@@ -165,8 +165,8 @@ def _rectified_view(rig: Rig, strip: Rectification, left: Grey, right: Grey, sca
         return np.asarray(cv2.GaussianBlur(grey, (0, 0), _REDUCTION_BLUR_PX / scale) if scale < 1.0 else grey)
 
     views = (
-        rectify(smooth(left), rig.left, strip.rotation_left, strip.matrix_left, strip.size),
-        rectify(smooth(right), rig.right, strip.rotation_right, strip.matrix_right, strip.size),
+        rectify(smooth(left), rig.left, strip.rotation_left, strip.matrix_left, strip.size, is_rough=True),
+        rectify(smooth(right), rig.right, strip.rotation_right, strip.matrix_right, strip.size, is_rough=True),
     )
     return _View(*views, covered(rig.left, strip.rotation_left, strip.matrix_left, strip.size))
 

@@ -60,6 +60,7 @@ class Places(NamedTuple):
     patch: Image
 
 
+@njit(error_model="numpy", **INNER)
 def new_places(room: int) -> Places:
     """Working space for subsets of so many pixels."""
     x, y, g = np.zeros(room + LANES, np.float32), np.zeros(room + LANES, np.float32), np.zeros(room + LANES, np.float32)

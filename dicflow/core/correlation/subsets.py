@@ -165,9 +165,8 @@ def residuals(reference: Template, target: Spline, centres: Index, warp: Array, 
     found, photograph = _unsearched(warp, Status.VALID), (target.coefficients, kernel_mask(target.measured))
     rest = new_residuals(len(centres), subset.size, TERMS[subset.shape_function])
     any_pixels = _control(subset, target.degree, 1.0)._replace(min_share=0.0, min_pixels=1)
-    warp, weight = np.ascontiguousarray(warp), pixel_weights(subset)
-    work = working_space(weight, warp.shape[-1])
-    _correlate(reference, photograph, centres, warp, weight, any_pixels, work, found, rest)
+    warp = np.ascontiguousarray(warp)
+    _correlate(reference, photograph, centres, warp, pixel_weights(subset), any_pixels, found, rest)
     return rest
 
 
@@ -185,8 +184,8 @@ def _complete(
     whole_pixels, no_rest = centres.astype(np.int64), new_residuals(0, len(weight), start.shape[-1])
 
     def correlate_chunk(chunk: slice) -> None:
-        results, work = Correlated._make(field[chunk] for field in found), working_space(weight, start.shape[-1])
-        _correlate(reference, target, whole_pixels[chunk], start[chunk], weight, control, work, results, no_rest)
+        results = Correlated._make(field[chunk] for field in found)
+        _correlate(reference, target, whole_pixels[chunk], start[chunk], weight, control, results, no_rest)
 
     over(threads, correlate_chunk, (slice(first, first + _CHUNK) for first in range(0, len(centres), _CHUNK)))
 
@@ -239,11 +238,10 @@ def _correlate(
     start: Array,
     weight: Image,
     control: Control,
-    work: Work,
     found: Correlated,
     rest: Residuals,
 ) -> None:
-    """The loop of :func:`correlate`, :func:`describe` and :func:`residuals` over points, which share working space.
+    """The loop of :func:`correlate`, :func:`describe` and :func:`residuals` over points, which share a working space.
 
     target : coefficients of its spline, and its measured pixels (rows, cols); an empty mask if all are
     found : subsets that are VALID already are not searched for, they lie where they start
@@ -253,6 +251,7 @@ def _correlate(
     """
     coefficients, measured = target
     half, c, is_compared = len(weight) // 2, np.zeros((2, 6)), len(rest.f) > 0
+    work = working_space(weight, start.shape[2])
     for k in range(len(centres)):
         if not _is_known(start[k]):
             continue

@@ -119,12 +119,15 @@ def _dot(a: Image, b: Image) -> float:
     return float(np.einsum("ij,ij->i", a, b).sum(dtype=np.float64))
 
 
+@njit(error_model="numpy", **INNER)
 def lay_out(weight: Image, p: Pixels) -> None:
-    """Set offsets, weights and rows of the pixels of a whole subset."""
+    """Set offsets and weights of the pixels of a whole subset."""
     size = len(weight)
-    offset = (np.arange(size) - size // 2).astype(np.float32) / np.float32(size // 2)
-    p.xi[:], p.eta[:], p.w[:] = np.tile(offset, size), np.repeat(offset, size), weight.ravel()
-    p.row_rest[:] = np.tile(np.arange(size, 0, -1), size)
+    for i in range(size):
+        for j in range(size):
+            k = i * size + j
+            p.xi[k], p.eta[k], p.w[k] = _offset(j, size), _offset(i, size), weight[i, j]
+    count_rows(p, size * size, size // 2)
 
 
 @njit(error_model="numpy", **INNER)

@@ -25,24 +25,23 @@ GRADIENTS = {
 def sampled(photograph, warp, kept):
     """Grey levels of the kept pixels (pixel,) of a subset by a warp (2, 6)."""
     xi, eta = (OFFSETS[kept] / HALF).astype(np.float32).T.copy()
-    places = new_places(len(xi))
-    is_inside, is_copied = in_kernel(
-        photograph.coefficients, photograph.degree, warp, xi, eta, HALF, row_rest(kept), places
+    is_inside, is_copied, grey = in_kernel(
+        photograph.coefficients, photograph.degree, warp, xi, eta, HALF, row_rest(kept)
     )
     assert is_inside
     assert is_copied
-    return places.g[: len(xi)]
+    return grey
 
 
 @njit
-def in_kernel(coefficients, degree, warp, xi, eta, half, rest, places):
-    """Whether all pixels are inside, and whether their coefficients are copied; grey levels are sampled then."""
-    n = len(xi)
+def in_kernel(coefficients, degree, warp, xi, eta, half, rest):
+    """Whether all pixels are inside, whether their coefficients are copied, and the grey levels (pixel,) then."""
+    places, n = new_places(len(xi)), len(xi)
     is_inside = locate_pixels(warp, coefficients.shape, xi, eta, n, half, places)
     is_copied = is_inside and copy_patch(coefficients, warp, places)
     if is_copied:
         sample_runs(degree, warp, half, rest, n, places)
-    return is_inside, is_copied
+    return is_inside, is_copied, places.g[:n]
 
 
 def row_rest(kept):
@@ -67,15 +66,13 @@ def test_pixels_beyond_the_border(place, inside):
     xi, eta = (OFFSETS / HALF).astype(np.float32).T.copy()
     warp = np.array([[place[0], 1.0, 0.0, 0.0, 0.0, 0.0], [place[1], 0.0, 1.0, 0.0, 0.0, 0.0]])
     whole = row_rest(np.ones(len(OFFSETS), dtype=bool))
-    places = new_places(len(xi))
-    assert in_kernel(spline(PHOTOGRAPH).coefficients, 5, warp, xi, eta, HALF, whole, places)[0] is inside
+    assert in_kernel(spline(PHOTOGRAPH).coefficients, 5, warp, xi, eta, HALF, whole)[0] is inside
 
 
 def test_a_subset_with_too_many_coefficients_is_not_copied():
     photograph, half = spline(np.zeros((220, 220))), 95
     xi, eta = (np.random.default_rng(0).uniform(-1.0, 1.0, (2, 500))).astype(np.float32)
     warp = np.array([[110.0, 1.1, 0, 0, 0, 0], [110.0, 0, 1.1, 0, 0, 0]])
-    rest, places = np.ones(500, dtype=np.int32), new_places(500)
-    is_inside, is_copied = in_kernel(photograph.coefficients, 5, warp, xi, eta, half, rest, places)
+    is_inside, is_copied, _ = in_kernel(photograph.coefficients, 5, warp, xi, eta, half, np.ones(500, dtype=np.int32))
     assert is_inside
     assert not is_copied
