@@ -230,8 +230,6 @@ def _compute(loaded: Pipeline, shown: Progress, phases: Phases, *, draws: bool, 
 
 
 def _load_drawing() -> None:
-    import numcodecs  # noqa: F401
-
     import dicflow.report.build
     import dicflow.report.reporting
     import dicflow.views.published_maps  # noqa: F401
