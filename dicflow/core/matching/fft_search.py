@@ -164,26 +164,26 @@ def _guided_window_matches(
     """
     if len(pairs[0]) == 0:
         return pairs
-    half = WINDOW_PX // 2 + reach
-    offsets = np.arange(-half, half + 1.0)
-    guided = partial(_guided_match, views, np.stack(np.meshgrid(offsets, offsets), axis=-1))
-    found = over(threads, guided, zip(centres, *local_motion(*pairs, centres), strict=True))
+    found = over(
+        threads, partial(_guided_match, views, reach), zip(centres, *local_motion(*pairs, centres), strict=True)
+    )
     known = [at is not None for at in found]
     return _agreeing_pairs(list(centres[known]), [at for at in found if at is not None])
 
 
-def _guided_match(views: tuple[Image, Image, Mask], grid: Array, motion: tuple[Array, Array, Array]) -> Array | None:
+def _guided_match(views: tuple[Image, Image, Mask], reach: int, motion: tuple[Array, Array, Array]) -> Array | None:
     """Where a window matches, near its predicted place; None where it does not.
 
     The target is resampled by the predicted motion, so that it matches the undeformed window.
 
-    grid : (side, side, 2) — pixels around the place that are searched, as offsets
+    reach : radius of the search [px]
     motion : the window's centre (2,), the place predicted for it (2,), and the gradient of the motion there (2, 2)
     """
     (reference, target, usable), (centre, place, slope), half = views, motion, WINDOW_PX // 2
-    at, reach = centre.astype(int), len(grid) // 2 - half
-    here = (place + grid @ slope.T).astype(np.float32)
-    image = np.asarray(cv2.remap(target, here, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+    at, side = centre.astype(int), 2 * (half + reach) + 1
+    to_target = np.column_stack([slope, place - slope.sum(axis=1) * (half + reach)])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    image = np.asarray(cv2.warpAffine(target, to_target, (side, side), flags=flags, borderMode=cv2.BORDER_REPLICATE))
     peak = _template_peak(image, _clipped_window(reference, at, half), _clipped_window(usable, at, half))
     shift = peak.shift - (half + reach) + at - np.maximum(at - half, 0)
     is_found = peak.correlation >= MIN_CORRELATION and np.abs(shift).max() < reach
