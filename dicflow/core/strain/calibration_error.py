@@ -24,7 +24,7 @@ from dicflow.core.arrays import Array, Mask
 from dicflow.core.cameras.camera import Rig
 from dicflow.core.cameras.frames import Frame
 from dicflow.core.cameras.rig_parameters import error_modes, reprojection_slopes
-from dicflow.core.strain.deformation_gradient import gradient_and_response
+from dicflow.core.strain.gradient_response import gradient_and_response
 from dicflow.core.strain.measures import GradientMeasures
 
 __all__ = [

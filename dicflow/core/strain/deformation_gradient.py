@@ -1,16 +1,12 @@
 """Deformation gradient of a measured surface from its reference state, and its uncertainty.
 
 The surface in both states is fitted around every point by a polynomial over the window of the material grid (least
-squares, each point weighted with 1 / σ² of its displacement). The slopes are the Jacobians J and J' of
-:mod:`dicflow.core.strain.surface_strain`, and with the tangent bases there F = (B'ᵀJ')(BᵀJ)⁻¹ = T' T⁻¹.
+squares, each point weighted with 1 / σ² of its displacement). Its slopes give the gradient, and their errors those of
+the gradient to first order (:mod:`dicflow.core.strain.gradient_response`).
 
-Errors are propagated to first order. Slopes of a fit are sums Σₙ wₙ Xₙ over the window, so their covariance is that of
-a point times Q = Σₙₘ wₙ ρₙₘ wₘ, where ρ is the correlation of points whose subsets overlap. It depends on the shape
-function, so the shares in the covariance are propagated one by one. An error of J changes F by
-
-    δF = (B'ᵀδJ' + δω' K T') T⁻¹ − F (BᵀδJ + δω K T) T⁻¹,   K = [[0, 1], [−1, 0]],
-
-where δω is the rotation of the basis about the normal n: e₁ is the projection of the world's X on a plane that tilts.
+Slopes of a fit are sums Σₙ wₙ Xₙ over the window, so their covariance is that of a point times Q = Σₙₘ wₙ ρₙₘ wₘ, where
+ρ is the correlation of points whose subsets overlap. It depends on the shape function, so the shares in the covariance
+are propagated one by one.
 """
 
 from __future__ import annotations
@@ -23,9 +19,9 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.parts import Parts, single_part
-from dicflow.core.strain.surface_strain import jacobian, tangent_basis
+from dicflow.core.strain.gradient_response import gradient_and_response, gradient_covariance
+from dicflow.core.strain.surface_strain import jacobian
 from dicflow.core.strain.window_fits import WindowedPoints
-from dicflow.core.tensors import cross, inverse
 from dicflow.core.threads import over
 from dicflow.core.uncertainty.covariance import displacement_variances
 from dicflow.core.uncertainty.overlap import Overlap, lag_products
@@ -34,7 +30,6 @@ __all__ = [
     "ErrorShare",
     "MeasuredSurface",
     "SurfaceGradient",
-    "gradient_and_response",
     "measured_surface",
     "pixel_size_mm",
 ]
@@ -49,7 +44,6 @@ _UNSURE = 1.5
 _ALIKE, _APART = 0.5, 1000.0
 """Difference of the logarithms of sums of squares of weights below which windows are much alike, and more than such
 differences that there are."""
-_QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
 
 class ErrorShare(NamedTuple):
@@ -88,7 +82,7 @@ class _WindowKinds(NamedTuple):
     @classmethod
     def of(cls, weights: Array) -> _WindowKinds:
         """Those of sums with weights (n, m, high, wide)."""
-        sizes = np.log((weights**2).sum(axis=(2, 3)))
+        sizes = np.log(np.einsum("nmij,nmij->nm", weights, weights))
         both = np.rint(sizes / _ALIKE) @ _APART ** np.arange(sizes.shape[1])
         _, some, kind = np.unique(both, return_index=True, return_inverse=True)
         return cls(lag_products(weights[some]), np.asarray(kind.ravel()))
@@ -145,7 +139,7 @@ class MeasuredSurface(NamedTuple):
         with np.errstate(invalid="ignore"):
             kinds = _WindowKinds.of(weights) if any(share.along for share in self.errors) and len(at) else None
             parts = [
-                _gradient_covariance(
+                gradient_covariance(
                     response * share.reaching(kinds)[:, None] if kinds and share.along else response,
                     self.points.variances(at, weights, share.rho),
                     share.covariance[at[:, 0], at[:, 1]],
@@ -210,48 +204,3 @@ def pixel_size_mm(reference: Array, step_size: float) -> Array:
     across = jacobian(reference, (3, 3), 1)
     area = np.linalg.norm(np.cross(across[..., 0], across[..., 1]), axis=-1)
     return np.asarray(np.sqrt(area) / step_size)
-
-
-def gradient_and_response(before: Array, after: Array) -> tuple[Array, Array]:
-    """F, (..., 2, 2), and its derivatives by both Jacobians, (..., 4, 2, 6); see :class:`SurfaceGradient`.
-
-    before, after : (..., 3, 2) — J and J'
-    """
-    basis, basis_after = tangent_basis(before), tangent_basis(after)
-    deformed = np.swapaxes(basis_after, -1, -2) @ after
-    with np.errstate(invalid="ignore"):
-        flat, flat_after = inverse(np.swapaxes(basis, -1, -2) @ before), inverse(deformed)
-        gradient = deformed @ flat
-        moved = _sensitivity(basis_after, flat, flat_after, _QUARTER_TURN @ gradient)
-        fixed = _sensitivity(basis @ np.swapaxes(gradient, -1, -2), flat, flat, gradient @ _QUARTER_TURN, basis)
-    both = np.concatenate([moved, -fixed], axis=-1)
-    return gradient, both.reshape(*both.shape[:-4], 4, 2, 6)
-
-
-def _gradient_covariance(response: Array, slopes: Array, points: Array) -> Array:
-    """Covariance (..., 4, 4) of the gradient from those of the slopes, (..., 2, 2), and of the points, (..., 6, 6)."""
-    total = np.zeros((*response.shape[:-3], 4, 4))
-    with np.errstate(invalid="ignore"):
-        for first in range(2):
-            moved = response[..., first, :] @ points
-            for second in range(first + 1):
-                share = moved @ np.swapaxes(response[..., second, :], -1, -2)
-                both = share if first == second else share + np.swapaxes(share, -1, -2)
-                total += slopes[..., first, second, None, None] * both
-    return total
-
-
-def _sensitivity(along: Array, flat: Array, own_flat: Array, turned: Array, basis: Array | None = None) -> Array:
-    """∂F_ab / ∂J_iα as (..., a, b, α, i): the part in the plane, and that by the rotation of the basis.
-
-    along : (..., 3, 2) — directions i of space that change row a of F
-    flat : T⁻¹ of the reference state, own_flat : T⁻¹ of the state with Jacobian J
-    turned : (..., 2, 2) — derivative of F by the rotation of the basis
-    basis : of the state with Jacobian J, where it is not ``along``
-    """
-    first, second = np.moveaxis(along if basis is None else basis, -1, 0)
-    normal = cross(first, second)
-    in_plane = np.einsum("...ia,...pb->...abpi", along, flat)
-    tilt = normal[..., 0] / np.sqrt(np.maximum(1.0 - normal[..., 0] ** 2, 1e-12))
-    turn = tilt[..., None, None] * own_flat[..., :, 1, None] * normal[..., None, :]
-    return np.asarray(in_plane + turned[..., None, None] * turn[..., None, None, :, :])

@@ -16,7 +16,7 @@ from dicflow.core.strain.calibration_error import (
     slope_changes,
     thinned_grid,
 )
-from dicflow.core.strain.deformation_gradient import gradient_and_response
+from dicflow.core.strain.gradient_response import gradient_and_response
 from dicflow.core.strain.measures import GradientMeasures
 
 SHAPE = (30, 20)

@@ -6,12 +6,12 @@ import pytest
 from dicflow.core.cameras.camera import rotation_matrix
 from dicflow.core.strain.deformation_gradient import (
     ErrorShare,
-    gradient_and_response,
     measured_surface,
     pixel_size_mm,
 )
 from dicflow.core.strain.degree_choice import chosen_gradient
 from dicflow.core.strain.gauge import vsg_px
+from dicflow.core.strain.gradient_response import gradient_and_response
 from dicflow.core.strain.measures import GradientMeasures, deformation_measures
 from dicflow.core.strain.remaining_bias import WindowFit
 from dicflow.core.strain.surface_strain import deformation_gradient, tangent_basis
@@ -123,7 +123,7 @@ def test_the_response_is_the_derivative():
             high, low = (deformation_gradient(before + s * change[1], after + s * change[0]) for s in (1, -1))
             expected[:, column, axis] = ((high - low) / (2 * h)).ravel()
     gradient, response = gradient_and_response(before, after)
-    assert np.array_equal(gradient, deformation_gradient(before, after))
+    np.testing.assert_allclose(gradient, deformation_gradient(before, after), rtol=1e-14)
     assert np.allclose(response, expected, rtol=1e-6, atol=1e-7)
 
 
@@ -199,7 +199,7 @@ def test_errors_of_another_reach_along_each_axis(degree):
     )
     inside = np.s_[3:-3, 3:-3]
     np.testing.assert_allclose(along[inside], expected[inside], rtol=1e-6, atol=1e-15)
-    ratio = np.diagonal(along / expected, axis1=-2, axis2=-1)
+    ratio = np.divide(*(np.diagonal(one, axis1=-2, axis2=-1) for one in (along, expected)))
     assert np.abs(np.log(ratio)).max() < 0.5
     assert np.abs(np.log(ratio)).mean() < 0.1
     assert not np.allclose(by_overlap[inside], expected[inside], rtol=0.2)
