@@ -36,10 +36,12 @@ _VALID, _OUTSIDE, _NOT_CONVERGED = int(Status.VALID), int(Status.OUTSIDE), int(S
 class Control(NamedTuple):
     """Settings of the iteration; see :class:`dicflow.core.correlation.subsets.Subset` and ``correlate`` there.
 
+    half : pixels from the centre of a subset to its side
     min_pixels : least number of pixels that determine a warp
     """
 
     degree: int
+    half: int
     min_share: float
     min_pixels: int
     iterations: int
@@ -85,23 +87,21 @@ def iterate(
     coefficients: Image,
     p: Pixels,
     n: int,
-    half: int,
     normal: NormalEquations,
     control: Control,
     places: Places,
     c: Array,
-    rest: Residuals,
-    k: int,
+    rest: tuple[Residuals, int],
 ) -> tuple[int, int, float, float]:
     """Improve the warp ``c`` until it converges; returns status, iterations, ZNSSD and ratio of the last increments.
 
-    rest : where it has room, the residuals of the k-th subset are set instead, and the warp stays as it is
+    rest : residuals, and which of them to set instead; without room the warp is improved
 
     Gauss-Newton increments shrink by a ratio r, so the correction that remains after one of size e is e r/(1 − r). For
     the first increment, r is ``control.contraction``.
     """
-    terms, level = len(normal.increment) // 2, np.float32(normal.statistics[0])
-    last_size, ratio, znssd, is_compared = 0.0, np.nan, np.nan, len(rest.f) > 0
+    terms, half, level = len(normal.increment) // 2, control.half, np.float32(normal.statistics[0])
+    last_size, ratio, znssd, is_compared = 0.0, np.nan, np.nan, len(rest[0].f) > 0
     for iteration in range(1, control.iterations + 1):
         if not locate_pixels(c, coefficients.shape, p.xi, p.eta, n, half, places):
             return _OUTSIDE, iteration, znssd, np.nan
@@ -112,7 +112,7 @@ def iterate(
         if is_compared:
             if not in_runs:
                 sample_scattered(coefficients, c, control.degree, n, places)
-            set_residuals(p, n, places, half, rest, k)
+            set_residuals(p, n, places, half, rest[0], rest[1])
             return _VALID, 0, znssd, ratio
         if in_runs:
             grey_sums(places.g, level, p, n, normal.grey_sums)

@@ -198,6 +198,7 @@ def _check_size(subset: Subset) -> None:
 def _control(subset: Subset, degree: int, contraction: float) -> Control:
     return Control(
         degree,
+        subset.size // 2,
         subset.min_share,
         4 * TERMS[subset.shape_function],
         subset.iterations,
@@ -270,7 +271,7 @@ def _correlate(
                 break
             if is_compared or not is_found:
                 found.status[k], found.iterations[k], found.znssd[k], found.contraction[k] = iterate(
-                    coefficients, p, n, half, work.normal, control, work.places, c, rest, k
+                    coefficients, p, n, work.normal, control, work.places, c, (rest, k)
                 )
             shift = abs(c[0, 0] - x) + abs(c[1, 0] - y)
             settled = measured.size == 0 or shift < (CLEAR_MARGIN_PX if is_clear else _MAX_SHIFT_PX)
