@@ -108,7 +108,7 @@ class Correlate(SubsetSearch):
         "correlation_before": Port("correlation", at=At.PREVIOUS, own=True),
     }
     gives: ClassVar = "correlation"
-    impl_version: ClassVar = 9
+    impl_version: ClassVar = 10
 
     stage: Literal["correlate"] = "correlate"
     shape_function: Literal["auto"] | ShapeFunction = parameter(

@@ -89,7 +89,7 @@ class Stereo(SubsetSearch):
             "gaussian", "min_share", "max_iterations", "tolerance", "smoothing", "misfit", "reference",
         )
     }  # fmt: skip
-    impl_version: ClassVar = 8
+    impl_version: ClassVar = 9
 
     stage: Literal["stereo"] = "stereo"
     match: Literal["every_step", "first_step"] = parameter(

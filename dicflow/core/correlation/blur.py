@@ -63,17 +63,17 @@ def equally_sharp(
     if not len(places):
         return image, target, Damping()
     slope = np.median(warps[..., 1:3], axis=0)
-    by_pixels, variance = missing_blurs(slope, smoothing_px), 0.0
+    by_pixels, covariance = missing_blurs(slope, smoothing_px), np.zeros((2, 2))
     soft, softer, covariances = _softened(image, target, by_pixels)
     for _ in range(_ROUNDS):
-        more = _missing_variance(soft, softer.image, places, warps)
-        if more == 0.0:
+        more = _missing_covariance(soft, softer.image, places, warps)
+        if not more.any():
             break
-        variance += more
-        soft, softer, covariances = _softened(image, target, by_pixels, _further_blurs(variance, slope))
+        covariance = covariance + more
+        soft, softer, covariances = _softened(image, target, by_pixels, _further_blurs(covariance, slope))
     seen = softer.image[_box(softer.image.shape, warps[..., 0])]
     damping = _damping(image, region, soft, seen, covariances)
-    return soft, softer, damping._replace(blur=abs(variance), mixing=_widest(covariances, slope))
+    return soft, softer, damping._replace(blur=_size(covariance), mixing=_widest(covariances, slope))
 
 
 def _widest(covariances: list[Array | None], slope: Array) -> float:
@@ -86,16 +86,21 @@ def _widest(covariances: list[Array | None], slope: Array) -> float:
     return float(np.sqrt(max(variances, default=0.0)))
 
 
-def _further_blurs(variance: float, slope: Array) -> Blurs:
-    """Blurs for a change of sharpness, which is equal in all directions of the photograph that it blurred.
+def _further_blurs(covariance: Array, slope: Array) -> Blurs:
+    """Blurs for a change of sharpness.
 
-    variance : mean over all directions in pixels of the template, of the target's blur; negative of the template's
+    covariance : (2, 2) — of the target's blur in pixels of the template; along axes where it is negative, of the
+        template's
     slope : (2, 2) — gradient of the motion from the template to the target
     """
-    if variance <= 0.0:
-        return Blurs(None, -variance * slope @ slope.T)
-    covariance = np.linalg.inv(slope.T @ slope)
-    return Blurs(variance * covariance / (0.5 * np.trace(covariance)), None)
+    variances, axes = np.linalg.eigh(covariance)
+    of_template, of_target = ((axes * np.maximum(part, 0.0)) @ axes.T for part in (variances, -variances))
+    return Blurs(of_template if of_template.any() else None, slope @ of_target @ slope.T if of_target.any() else None)
+
+
+def _size(covariance: Array) -> float:
+    """Mean size of the variances of a blur along its axes, one of which may be negative [px²]."""
+    return float(np.abs(np.linalg.eigvalsh(covariance)).mean())
 
 
 def _box(shape: tuple[int, ...], places: Array) -> tuple[slice, slice]:
@@ -152,18 +157,20 @@ def _blurred_spline(target: Spline, covariance: Array | None) -> Spline:
     return target if covariance is None else spline(blurred(target.image, covariance), target.degree, target.measured)
 
 
-def _missing_variance(image: Image, target: Image, places: Array, warps: Array) -> float:
-    """Variance of the Gaussian that blurs the template's photograph like the target [px²]; negative if the target is
-    the sharper one, 0 if neither is."""
+def _missing_covariance(image: Image, target: Image, places: Array, warps: Array) -> Array:
+    """Covariance (2, 2) of the Gaussian that blurs the template's photograph like the target [px²].
+
+    Negative along axes along which the target is the sharper one, 0 along those along which neither clearly is.
+    """
     chosen = np.linspace(0, len(places) - 1, min(_WINDOWS, len(places))).astype(int)
     found = [w for w in (_windows(image, target, places[k], warps[k]) for k in chosen) if w is not None]
     if len(found) < _MIN_WINDOWS:
-        return 0.0
+        return np.zeros((2, 2))
     sharp, moved, beside = (np.stack(part).astype(np.float64) for part in zip(*found, strict=True))
-    variance, error = blur_difference(sharp, moved, beside)
-    if abs(variance) < max(_NEGLIGIBLE_PX2, _MIN_SIGNIFICANCE * error):
-        return 0.0
-    return float(np.clip(variance, -_MAX_PX2, _MAX_PX2))
+    resampled = 1.0 / np.minimum(np.linalg.svd(np.median(warps[..., 1:3], axis=0), compute_uv=False), 1.0).prod()
+    variances, errors, axes = blur_difference(sharp, moved, beside, float(resampled))
+    clear = np.abs(variances) >= np.maximum(_NEGLIGIBLE_PX2, _MIN_SIGNIFICANCE * errors)
+    return np.asarray((axes * np.where(clear, np.clip(variances, -_MAX_PX2, _MAX_PX2), 0.0)) @ axes.T)
 
 
 def _windows(image: Image, target: Image, place: Array, warp: Array) -> tuple[Image, Image, Image] | None:

@@ -52,3 +52,34 @@ def test_a_blur_of_a_stretched_photograph_is_narrower_along_the_stretch():
     expected = cv2.GaussianBlur(pattern(), (0, 0), sigmaX=sigma / 1.5, sigmaY=sigma)
     inside = np.s_[120:-120, 120:-120]
     assert np.std((soft - expected)[inside]) < 0.1 * np.std(expected[inside])
+
+
+def test_motion_during_the_exposure_blurs_along_its_direction():
+    """The template is blurred along it, and hardly across."""
+    way = np.array([0.8, 0.6])
+    trace = np.zeros((15, 15))
+    for share in np.linspace(-0.5, 0.5, 201):
+        x, y = 7.0 + 6.0 * share * way
+        i, j = int(y), int(x)
+        trace[i : i + 2, j : j + 2] += np.outer([1.0 - y + i, y - i], [1.0 - x + j, x - j])
+    trace /= trace.sum()
+    target = spline(noisy(cv2.filter2D(pattern(), -1, trace), 2))
+    soft, same, damping = equally_sharp(noisy(pattern(), 1), EVERYWHERE, target, PLACES, warps(np.eye(2)), 0.0)
+    expected, inside = cv2.filter2D(pattern(), -1, trace), np.s_[60:-60, 60:-60]
+    assert same is target
+    spread = sum((trace.sum(axis=k) * (np.arange(15) - 7.0) ** 2).sum() for k in (0, 1))
+    assert damping.blur == pytest.approx(0.5 * spread, rel=0.25)
+    assert np.std((soft - expected)[inside]) < 0.05 * np.std(expected[inside])
+
+
+def test_a_blur_of_a_compressed_photograph_is_found():
+    """Noise of the target is stronger in what is resampled, and counts as no pattern."""
+    gradient, middle, sigma = np.diag([1.3, 0.45]), 0.5 * (SIDE - 1), 1.8
+    pressed = np.column_stack([gradient, middle - gradient @ [middle, middle]])
+    wide = np.asarray(128.0 + 3.0 * (cv2.GaussianBlur(pattern(), (0, 0), 3.0) - 128.0), dtype=np.float32)
+    seen = cv2.warpAffine(wide, pressed, (SIDE, SIDE), flags=cv2.INTER_AREA, borderMode=cv2.BORDER_REFLECT)
+    target = spline(noisy(cv2.GaussianBlur(seen, (0, 0), sigma), 2))
+    near = np.abs(warps(gradient)[..., 0] - middle).max(axis=1) < 150.0
+    near &= np.abs(PLACES - middle).max(axis=1) < 130.0
+    _, _, damping = equally_sharp(noisy(wide, 1), EVERYWHERE, target, PLACES[near], warps(gradient)[near], 0.0)
+    assert damping.blur == pytest.approx(0.5 * sigma**2 * (1.3**-2 + 0.45**-2), rel=0.15)
