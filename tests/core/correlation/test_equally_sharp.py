@@ -72,6 +72,15 @@ def test_motion_during_the_exposure_blurs_along_its_direction():
     assert np.std((soft - expected)[inside]) < 0.05 * np.std(expected[inside])
 
 
+def test_photographs_shaken_in_different_directions_are_both_blurred():
+    """Each along the direction in which the other one moved."""
+    along_x, along_y = (cv2.blur(pattern(), size) for size in ((5, 1), (1, 7)))
+    target = spline(noisy(along_y, 2))
+    soft, softer, _ = equally_sharp(noisy(along_x, 1), EVERYWHERE, target, PLACES, warps(np.eye(2)), 0.0)
+    inside = np.s_[60:-60, 60:-60]
+    assert np.std((soft - softer.image)[inside]) < 0.15 * np.std((along_x - along_y)[inside])
+
+
 def test_a_blur_of_a_compressed_photograph_is_found():
     """Noise of the target is stronger in what is resampled, and counts as no pattern."""
     gradient, middle, sigma = np.diag([1.3, 0.45]), 0.5 * (SIDE - 1), 1.8
