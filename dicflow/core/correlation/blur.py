@@ -87,13 +87,14 @@ def _widest(covariances: list[Array | None], slope: Array) -> float:
 
 
 def _further_blurs(covariance: Array, slope: Array) -> Blurs:
-    """Blurs for a change of sharpness.
+    """Blurs for a change of sharpness, without what is negligible of it.
 
     covariance : (2, 2) — of the target's blur in pixels of the template; along axes where it is negative, of the
         template's
     slope : (2, 2) — gradient of the motion from the template to the target
     """
     variances, axes = np.linalg.eigh(covariance)
+    variances[np.abs(variances) < _NEGLIGIBLE_PX2] = 0.0
     of_template, of_target = ((axes * np.maximum(part, 0.0)) @ axes.T for part in (variances, -variances))
     return Blurs(of_template if of_template.any() else None, slope @ of_target @ slope.T if of_target.any() else None)
 

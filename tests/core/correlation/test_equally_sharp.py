@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dicflow.core.correlation.blur import equally_sharp
+from dicflow.core.correlation.blur import _further_blurs, equally_sharp
 from dicflow.core.photographs.interpolate import spline
 
 SIDE = 420
@@ -92,3 +92,12 @@ def test_a_blur_of_a_compressed_photograph_is_found():
     near &= np.abs(PLACES - middle).max(axis=1) < 130.0
     _, _, damping = equally_sharp(noisy(wide, 1), EVERYWHERE, target, PLACES[near], warps(gradient)[near], 0.0)
     assert damping.blur == pytest.approx(0.5 * sigma**2 * (1.3**-2 + 0.45**-2), rel=0.15)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_blur_along_one_axis_leaves_the_other_photograph_as_it_is(sign):
+    """Whatever rounding makes of the variance across it."""
+    for angle in np.linspace(0.0, np.pi, 37):
+        axis = np.array([np.cos(angle), np.sin(angle)])
+        blurs = _further_blurs(sign * 2.0 * np.outer(axis, axis), np.diag([1.2, 0.8]))
+        assert [part is None for part in blurs] == [sign < 0.0, sign > 0.0]
