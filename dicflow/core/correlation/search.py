@@ -58,6 +58,9 @@ _MOST_POINTS_FOR_NOISE = 20_000
 """More do not make the noise more certain."""
 _STRONG_BLUR_PX2 = 1.0
 """Variance of the blur of one photograph against the other from which it is the reason [px²]."""
+_MOST_LEFT = 0.07
+"""Variance of the residual beyond the noise, over that of the pattern, up to which a strong blur is a Gaussian: 0.03 at
+most with lenses out of focus and motion during the exposure, and 0.15 or more where one of them reverses contrast."""
 _MIXED_SIGMAS = 0.7
 """Distance from a rim up to which pixels are left out [standard deviations of a blur]: those beyond mix by a quarter or
 less, and a half subset keeps enough of its pixels."""
@@ -344,7 +347,9 @@ def _without_edges(correlation: CorrelatedField, places: Array, search: Search, 
     lost = edges.reason != Status.VALID
     status = np.where(lost, edges.reason, field.status)
     if correlation.damping.blur >= _STRONG_BLUR_PX2:
-        status[np.isin(status, UNEXPLAINED)] = Status.BLURRED
+        no_gaussian = ~lost & (residual_variance(field) - noise_variance > _MOST_LEFT * field.texture[..., 0])
+        status[np.isin(status, UNEXPLAINED) | no_gaussian] = Status.BLURRED
+        lost |= no_gaussian
     warp, place = (
         np.where(lost.reshape(lost.shape + (1,) * (values.ndim - 2)), np.nan, values)
         for values in (field.warp, field.covariance)
