@@ -252,6 +252,9 @@ def _subjects(folder: Path, series: Sequence[Series], choice: Choice, see: See) 
         subjects = subjects_of(series, see)
     if subjects.specimen:
         return subjects
+    damaged = [path for one in subjects.unreadable for path in one.files]
+    if damaged and not subjects.boards:
+        raise InputError(f"{folder}: no photograph can be read, such as {damaged[0]}; copy them into it again")
     counts = ", ".join(f"{one.folder}: {len(one.files)}" for one in subjects.boards)
     instead = f"only those of a board ({counts})" if counts else f"expected {', '.join(ALL_SUFFIXES)} in it or below"
     raise InputError(f"{folder}: no photographs of a specimen found, {instead}; name the folder that holds them")

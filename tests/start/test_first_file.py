@@ -134,6 +134,13 @@ def test_folders_without_photographs(photographs, tmp_path):
     dicflow("init", tmp_path).refuses(2, f"{tmp_path}: no photographs of a specimen found, expected .png")
 
 
+def test_photographs_that_cannot_be_read_are_named(tmp_path):
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        (tmp_path / side / "a_1.png").write_bytes(b"\x89PNG\r\n\x1a\n and no more")
+    dicflow("init", tmp_path).refuses(2, "no photograph can be read, such as left/a_1.png; copy them into it again")
+
+
 @pytest.mark.parametrize("square", ["10 mm", None])
 @pytest.mark.parametrize("name", ['a "b", c', "x: [1}", "#1 \\n é 😀"])
 def test_names_with_signs_of_yaml_read_back(name, square):
