@@ -41,7 +41,7 @@ def new_residuals(count: int, size: int, terms: int) -> Residuals:
 
 @njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def set_residuals(p: Pixels, n: int, places: Places, half: int, found: Residuals, k: int) -> None:
-    """Set all values of the k-th subset from its n pixels."""
+    """Set all values of the k-th subset from its n pixels. half : pixels from its centre to its side"""
     total, f_mean, g_mean, f_square, g_square = 1e-12, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         total += p.w[i]

@@ -339,7 +339,8 @@ def _without_edges(correlation: CorrelatedField, places: Array, search: Search, 
     """
     field, pair = correlation.field, (correlation.template, correlation.target)
     noise_variance = search.noise**2 * (1.0 + correlation.gain * search.target_noise_ratio**2)
-    usual = min(usual, usual_residual(residual_variance(field)))
+    residual = residual_variance(field)
+    usual = min(usual, usual_residual(residual))
     usual = max(usual, noise_variance) if np.isfinite(usual) else noise_variance
     edges = find_edges(*pair, places, field, search.subset, usual)
     parts = single_part(places) if search.parts is None else search.parts
@@ -347,7 +348,7 @@ def _without_edges(correlation: CorrelatedField, places: Array, search: Search, 
     lost = edges.reason != Status.VALID
     status = np.where(lost, edges.reason, field.status)
     if correlation.damping.blur >= _STRONG_BLUR_PX2:
-        no_gaussian = ~lost & (residual_variance(field) - noise_variance > _MOST_LEFT * field.texture[..., 0])
+        no_gaussian = ~lost & (residual - noise_variance > _MOST_LEFT * field.texture[..., 0])
         status[np.isin(status, UNEXPLAINED) | no_gaussian] = Status.BLURRED
         lost |= no_gaussian
     warp, place = (
