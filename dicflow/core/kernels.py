@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba.np import linalg
 
-__all__ = ["INNER", "KERNEL"]
+__all__ = ["INNER", "KERNEL", "MAKER"]
 
 
 def _load_without_scipy() -> None:
@@ -25,12 +25,17 @@ def _load_without_scipy() -> None:
 
 _load_without_scipy()
 
-KERNEL = {"cache": True, "nogil": True, "no_cfunc_wrapper": True}
+KERNEL = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, "_nrt": True}
 """Options of a function that Python calls: it is kept, other threads go on meanwhile, and it has no entrance from C."""
-INNER = {"nogil": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": True, "forceinline": True}
+INNER = {"nogil": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": True, "forceinline": True, "_nrt": False}
 """Options of a function that only kernels call: no file of its own is kept, and it has no entrance of its own.
 
 Its code becomes part of each kernel. Else it would be a function of each kernel, compiled a little differently in each,
 of which a process takes the one that it loads first: results would depend in their last digits on what else a process
 has loaded or compiled. An entrance from Python would take a sixth of the time of compiling.
+
+It counts no references, as its caller holds all arrays: two for every array at each call took a quarter of the search
+for a subset, since threads wait for each other's. So it can neither make an array nor return one.
 """
+MAKER = {**INNER, "_nrt": True}
+"""Options of an inner function that makes arrays, or returns one."""

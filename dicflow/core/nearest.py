@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from dicflow.core.arrays import Array, Index
-from dicflow.core.kernels import INNER, KERNEL
+from dicflow.core.kernels import INNER, KERNEL, MAKER
 
 __all__ = ["nearest"]
 
@@ -68,7 +68,7 @@ def _outside(place: float, cell: int, reach: int, size: int) -> float:
     return min(before, after)
 
 
-@njit(**INNER)
+@njit(**MAKER)
 def _cells(places: Array) -> tuple[Array, float, tuple[int, int]]:
     """The corner (x, y) of least coordinates, the side of square cells, and how many are in a column and a row."""
     low, high = places[0].copy(), places[0].copy()
@@ -89,7 +89,7 @@ def _cell(place: float, size: int) -> int:
     return int(min(max(np.floor(place), 0.0), size - 1.0))
 
 
-@njit(**INNER)
+@njit(**MAKER)
 def _sorted_into_cells(places: Array, low: Array, side: float, size: tuple[int, int]) -> tuple[Index, Index, Array]:
     """Where each cell begins (cell + 1,) in the places sorted by cell, their numbers (m,), and these places (m, 2)."""
     cell = np.empty(len(places), dtype=np.int64)

@@ -80,6 +80,16 @@ def _search() -> None:
     residuals(reference, photograph, centre.astype(np.int64), identity(centre), Subset(11))
 
 
+def _sums() -> None:
+    """Sums over squares around four points."""
+    import numpy as np
+
+    from dicflow.core.correlation.lattice_sums import lattice_sums
+
+    image = np.zeros((_SIDE, _SIDE), dtype=np.float32)
+    lattice_sums((image, image, image), _grid(), np.ones(31), 1)
+
+
 def _neighbours() -> None:
     """What four subsets that were found say of each other."""
     import numpy as np
@@ -170,6 +180,7 @@ def _disparity() -> None:
 
 KERNELS: Mapping[str, Callable[[], None]] = {
     "search": _search,
+    "sums": _sums,
     "judgement": _judgement,
     "neighbours": _neighbours,
     "refinement": _refinement,
@@ -180,8 +191,8 @@ KERNELS: Mapping[str, Callable[[], None]] = {
 }
 """Kernels by name, those that take longest to compile first."""
 _USED: Mapping[str, Sequence[str]] = {
-    "correlate": ("search", "judgement", "neighbours", "motion"),
-    "stereo": ("search", "judgement", "neighbours", "motion"),
+    "correlate": ("search", "sums", "judgement", "neighbours", "motion"),
+    "stereo": ("search", "sums", "judgement", "neighbours", "motion"),
     "track": ("motion",),
     "disparity": ("disparity",),
     "displacement": ("polynomials",),

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from dicflow.core.arrays import Array, Codes, Index, Iterations, Mask
+from dicflow.core.correlation.lattice_sums import LatticeSums
 from dicflow.core.correlation.neighbours import (
     Prediction,
     disagreeing,
@@ -23,7 +24,7 @@ from dicflow.core.correlation.neighbours import (
     mean_of_neighbours,
     predicted_by_neighbours,
 )
-from dicflow.core.correlation.subsets import Correlated, Subset, correlate
+from dicflow.core.correlation.subsets import Correlated, Subset, correlate, sums_of_subsets
 from dicflow.core.correlation.template import Template
 from dicflow.core.correlation.warp import TERMS, recentred
 from dicflow.core.nearest import nearest
@@ -89,6 +90,7 @@ def correlate_field(
     """
     search = _FieldSearch(
         reference,
+        sums_of_subsets(reference, grid, subset, threads),
         target,
         grid,
         single_part(grid) if parts is None else parts,
@@ -117,6 +119,7 @@ class _FieldSearch:
     """
 
     reference: Template
+    sums: LatticeSums
     target: Spline
     grid: Array
     parts: Parts
@@ -157,9 +160,15 @@ class _FieldSearch:
         """Correlate points (n, 2) of the grid from warps (n, 2, 3 or 6), except where these are NaN."""
         known = np.isfinite(starts).all(axis=(-2, -1))
         rows, cols = points[known].T
-        centres = self.grid[rows, cols]
         found = correlate(
-            self.reference, self.target, centres, starts[known], self.subset, self.threads, self.contraction
+            self.reference,
+            self.target,
+            self.grid[rows, cols],
+            starts[known],
+            self.subset,
+            self.threads,
+            self.contraction,
+            self.sums,
         )
         self.ratios.append(found.contraction[np.isfinite(found.contraction)])
         self.tries[rows, cols] += 1

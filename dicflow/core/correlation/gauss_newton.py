@@ -17,9 +17,10 @@ from dicflow.core.correlation.subset_sums import (
     gathered_sums,
     grey_sums,
     normal_matrix,
+    set_block,
     slope_sums,
 )
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, MAKER
 from dicflow.core.status import Status
 
 __all__ = ["Control", "NormalEquations", "covariance", "iterate", "mean_square_slope", "prepare"]
@@ -56,7 +57,7 @@ class NormalEquations(NamedTuple):
     factor : (2m, 2m) — the Hessian, then Cholesky's factor of it in the lower triangle
     hessian : (2m, 2m); slope_sums, slope_grey_sums : (2m,) — Σ w J and Σ w J f
     statistics : (3,) — mean of f, Σ w, Δf²
-    moments : (15,), grey_sums : (3 + 2m,), increment : (2m,) — working space
+    moments : (15,), grey_sums : (3 + 2m,), increment : (2m,), rows : (2, 2m) — working space
     """
 
     factor: Array
@@ -67,19 +68,43 @@ class NormalEquations(NamedTuple):
     moments: Array
     grey_sums: Array
     increment: Array
+    rows: Array
 
 
 @njit(error_model="numpy", **INNER)
-def prepare(p: Pixels, n: int, ones_like_f: Image, normal: NormalEquations) -> bool:
-    """Set up the normal equations; False where the subset has too little texture to solve them."""
+def prepare(p: Pixels, n: int, ones_like_f: Image, known: tuple[Image, int], normal: NormalEquations) -> bool:
+    """Set up the normal equations; False where the subset has too little texture to solve them.
+
+    known : sums of whole subsets as :class:`dicflow.core.correlation.lattice_sums.LatticeSums` has them, and the index
+        of those of this one; -1 for none
+    """
     centre_grey(p, n, normal.statistics)
     if not normal.statistics[2] > 0.0:
         return False
-    normal_matrix(p, n, normal.moments, normal.hessian)
-    slope_sums(p, ones_like_f, n, normal.moments, normal.slope_sums)
-    slope_sums(p, p.f, n, normal.moments, normal.slope_grey_sums)
+    if known[1] >= 0:
+        _read_sums(known[0][known[1]], normal)
+    else:
+        normal_matrix(p, n, normal.moments, normal.hessian)
+        slope_sums(p, ones_like_f, n, normal.moments, normal.slope_sums)
+        slope_sums(p, p.f, n, normal.moments, normal.slope_grey_sums)
     _project(normal)
     return bool(factorise(normal.factor, _MIN_PIVOT_SHARE))
+
+
+@njit(error_model="numpy", **INNER)
+def _read_sums(known: Image, normal: NormalEquations) -> None:
+    """Set the sums over a whole subset from known ones, in which f has its mean still."""
+    size = len(normal.increment)
+    products, at = 6 if size == 6 else 15, 2 * size
+    for i in range(size):
+        normal.slope_sums[i] = known[i]
+        normal.slope_grey_sums[i] = known[size + i] - normal.statistics[0] * known[i]
+    for a in range(2):
+        for b in range(a, 2):
+            for k in range(products):
+                normal.moments[k] = known[at + k]
+            set_block(normal.hessian, a, b, normal.moments)
+            at += products
 
 
 @njit(error_model="numpy", **INNER)
@@ -138,10 +163,10 @@ def covariance(
     """2 A (H⁻¹ V H⁻¹) Aᵀ at the centre; V = Σ w² J̃ᵀJ̃ for J̃ of :func:`_weigh_twice`, which is H without weights."""
     if is_weighted:
         _weigh_twice(p, n, ones_like_f, normal)
-    size = len(normal.factor)
-    rows = np.zeros((2, size))
+    size, rows = len(normal.factor), normal.rows
     for axis in range(2):
-        rows[axis, axis * size // 2] = 1.0
+        for i in range(size):
+            rows[axis, i] = 1.0 if i == axis * size // 2 else 0.0
         solve(normal.factor, rows[axis])
     xx, xy, yy = 0.0, 0.0, 0.0
     for i in range(size):
@@ -165,7 +190,7 @@ def mean_square_slope(normal: NormalEquations) -> float:
     return float((normal.hessian[0, 0] + normal.hessian[terms, terms]) / normal.statistics[1])
 
 
-@njit(error_model="numpy", **INNER)
+@njit(error_model="numpy", **MAKER)
 def _weigh_twice(p: Pixels, n: int, ones_like_f: Image, normal: NormalEquations) -> None:
     """Replace the Hessian by Σ w² J̃ᵀJ̃; J̃ = J − J̄/Σw − f (Σ w J f)/Δf² is J without brightness and contrast."""
     size, total, square = len(normal.hessian), normal.statistics[1], normal.statistics[2]

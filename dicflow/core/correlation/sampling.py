@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from dicflow.core.arrays import Array, Counts, Image, Index
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, MAKER
 from dicflow.core.photographs.interpolate import FAST_MATH, PAD, Weights, bicubic, biquintic, quintic_weights
 
 __all__ = [
@@ -60,7 +60,7 @@ class Places(NamedTuple):
     patch: Image
 
 
-@njit(error_model="numpy", **INNER)
+@njit(error_model="numpy", **MAKER)
 def new_places(room: int) -> Places:
     """Working space for subsets of so many pixels."""
     x, y, g = np.zeros(room + LANES, np.float32), np.zeros(room + LANES, np.float32), np.zeros(room + LANES, np.float32)
@@ -149,7 +149,7 @@ def sample_runs(degree: int, c: Array, half: int, row_rest: Counts, n: int, plac
         k += min(run, int(row_rest[k]))
 
 
-@njit(error_model="numpy", **INNER)
+@njit(error_model="numpy", **MAKER)
 def sample_scattered(coefficients: Image, c: Array, degree: int, n: int, places: Places) -> None:
     """Set the grey levels of n pixels that were located by a warp c (2, 6), one by one."""
     flat, width = coefficients.ravel(), coefficients.shape[1]

@@ -22,7 +22,7 @@ from dicflow.core.correlation.points import (
     ReferencePhotograph,
     cropped,
 )
-from dicflow.core.correlation.subsets import Subset, describe
+from dicflow.core.correlation.subsets import Subset, describe, sums_of_subsets
 from dicflow.core.correlation.template import Template, template, with_usable
 from dicflow.core.correlation.warp import gradient, identity, warp_from_gradient
 from dicflow.core.parts import Parts, single_part
@@ -113,10 +113,9 @@ def points_in_first_photograph(first: ReferencePhotograph, search: Search) -> Fo
     value.
     """
     itself, inside = target_spline(first.image, search), np.asarray(np.isfinite(first.points).all(axis=-1))
-    centres = first.points[inside] - first.origin
-    found = describe(
-        template(itself, first.region, search.threads), itself.measured, centres, search.subset, search.threads
-    )
+    own, centres = template(itself, first.region, search.threads), first.points - first.origin
+    sums = sums_of_subsets(own, centres, search.subset, search.threads)
+    found = describe(own, itself.measured, centres[inside], search.subset, search.threads, sums)
     status = np.full(inside.shape, Status.OUTSIDE, dtype=np.uint8)
     znssd, covariance = np.full(inside.shape, np.nan), np.full((*inside.shape, 3), np.nan)
     status[inside], znssd[inside] = found.status, found.znssd

@@ -13,7 +13,7 @@ from numba import njit
 
 from dicflow.core.arrays import Array, Counts, Image
 from dicflow.core.correlation.sampling import Places, first_coefficient
-from dicflow.core.kernels import INNER
+from dicflow.core.kernels import INNER, MAKER
 from dicflow.core.photographs.interpolate import FAST_MATH, bicubic, biquintic
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "gathered_sums",
     "grey_sums",
     "normal_matrix",
+    "set_block",
     "slope_sums",
 ]
 
@@ -113,10 +114,17 @@ def normal_matrix(p: Pixels, n: int, moments: Array, hessian: Array) -> None:
             _low_moments(p, first, second, n, moments)
             if terms == 6:
                 _high_moments(p, first, second, n, moments)
-            for i in range(terms):
-                for j in range(terms):
-                    hessian[a * terms + i, b * terms + j] = moments[_PRODUCT_MOMENT[i, j]]
-                    hessian[b * terms + j, a * terms + i] = moments[_PRODUCT_MOMENT[i, j]]
+            set_block(hessian, a, b, moments)
+
+
+@njit(error_model="numpy", **INNER)
+def set_block(hessian: Array, a: int, b: int, moments: Array) -> None:
+    """Set the block of a Hessian for two of the derivatives, from the sums of their product with monomials."""
+    terms = len(hessian) // 2
+    for i in range(terms):
+        for j in range(terms):
+            hessian[a * terms + i, b * terms + j] = moments[_PRODUCT_MOMENT[i, j]]
+            hessian[b * terms + j, a * terms + i] = moments[_PRODUCT_MOMENT[i, j]]
 
 
 @njit(error_model="numpy", **INNER)
@@ -175,7 +183,7 @@ def grey_sums(g: Image, level: np.float32, p: Pixels, n: int, out: Array) -> Non
     _write_sums(s, q, terms, out)
 
 
-@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
+@njit(fastmath=FAST_MATH, error_model="numpy", **MAKER)
 def gathered_sums(
     coefficients: Image, c: Array, degree: int, places: Places, level: np.float32, p: Pixels, n: int, out: Array
 ) -> None:

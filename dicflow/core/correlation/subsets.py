@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from dicflow.core.arrays import Array, Bytes, Codes, Image, Index, Iterations, Mask
+from dicflow.core.arrays import Array, Codes, Image, Index, Iterations, Mask
 from dicflow.core.correlation.gauss_newton import (
     Control,
     NormalEquations,
@@ -26,6 +26,7 @@ from dicflow.core.correlation.gauss_newton import (
     mean_square_slope,
     prepare,
 )
+from dicflow.core.correlation.lattice_sums import NO_SUMS, LatticeSums, index_of_sums, lattice_sums
 from dicflow.core.correlation.residuals import Residuals, new_residuals
 from dicflow.core.correlation.subset_sums import Pixels
 from dicflow.core.correlation.template import (
@@ -37,6 +38,7 @@ from dicflow.core.correlation.template import (
     is_whole,
     keep_measured,
     kernel_mask,
+    lay_out,
     shows_measured,
 )
 from dicflow.core.correlation.warp import TERMS, identity
@@ -46,7 +48,7 @@ from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 from dicflow.core.threads import over
 
-__all__ = ["Correlated", "Subset", "correlate", "describe", "pixel_weights", "residuals"]
+__all__ = ["Correlated", "Subset", "correlate", "describe", "pixel_weights", "residuals", "sums_of_subsets"]
 
 
 _CHUNK = 512
@@ -116,6 +118,7 @@ def correlate(
     subset: Subset = DEFAULT_SUBSET,
     threads: int = 1,
     contraction: float = 1.0,
+    sums: LatticeSums = NO_SUMS,
 ) -> Correlated:
     """Find subsets of a reference photograph in a target.
 
@@ -124,6 +127,7 @@ def correlate(
     threads : how many share the points; the result does not depend on it
     contraction : expected ratio of the second increment to the first, from similar points; after a good start the
         search then ends without a second one. 1 where it is unknown.
+    sums : result of :func:`sums_of_subsets`, of such subsets
 
     Raises ValueError for an even subset size, one below 5 px, or starts that do not fit the shape function.
     """
@@ -135,26 +139,43 @@ def correlate(
         )
     found, photograph = _unsearched(start, Status.UNTRACKED), (target.coefficients, kernel_mask(target.measured))
     control = _control(subset, target.degree, contraction)
-    _complete(found, reference, photograph, centres, start, pixel_weights(subset), control, threads)
+    _complete(found, (reference, sums), photograph, centres, start, pixel_weights(subset), control, threads)
     return found
 
 
 def describe(
-    reference: Template, measured: Mask | None, centres: Array, subset: Subset = DEFAULT_SUBSET, threads: int = 1
+    reference: Template,
+    measured: Mask | None,
+    centres: Array,
+    subset: Subset = DEFAULT_SUBSET,
+    threads: int = 1,
+    sums: LatticeSums = NO_SUMS,
 ) -> Correlated:
     """Subsets of a photograph found in itself: what :func:`correlate` gives, without a search and its rounding.
 
     measured : (rows, cols) bool — pixels of the photograph that are measured; None for all
-    centres, threads : as there
+    centres, threads, sums : as there
 
     Raises ValueError for an even subset size, or one below 5 px.
     """
     _check_size(subset)
     start = identity(centres, subset.shape_function)  # type: ignore[arg-type]
     found, target = _unsearched(start, Status.VALID), (_NO_COEFFICIENTS, kernel_mask(measured))
-    _complete(found, reference, target, centres, start, pixel_weights(subset), _control(subset, 0, 1.0), threads)
+    control = _control(subset, 0, 1.0)
+    _complete(found, (reference, sums), target, centres, start, pixel_weights(subset), control, threads)
     found.znssd[found.status == Status.VALID] = 0.0
     return found
+
+
+def sums_of_subsets(reference: Template, grid: Array, subset: Subset, threads: int = 1) -> LatticeSums:
+    """Sums over the pixels of whole subsets, for :func:`correlate` and :func:`describe` to share.
+
+    grid : (rows, cols, 2) — centres, whole pixels of the reference photograph; NaN for none
+    threads : how many share the work; the result does not depend on it
+    """
+    images = reference.grey, reference.by_x, reference.by_y
+    degree = 1 if subset.shape_function == "affine" else 2
+    return lattice_sums(images, grid, _weights_along_side(subset), degree, threads)
 
 
 def residuals(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> Residuals:
@@ -166,13 +187,13 @@ def residuals(reference: Template, target: Spline, centres: Index, warp: Array, 
     rest = new_residuals(len(centres), subset.size, TERMS[subset.shape_function])
     any_pixels = _control(subset, target.degree, 1.0)._replace(min_share=0.0, min_pixels=1)
     warp = np.ascontiguousarray(warp)
-    _correlate(reference, photograph, centres, warp, pixel_weights(subset), any_pixels, found, rest)
+    _correlate((reference, NO_SUMS), photograph, centres, warp, pixel_weights(subset), any_pixels, found, rest)
     return rest
 
 
 def _complete(
     found: Correlated,
-    reference: Template,
+    reference: tuple[Template, LatticeSums],
     target: tuple[Image, Mask],
     centres: Array,
     start: Array,
@@ -224,16 +245,21 @@ def _unsearched(start: Array, status: Status) -> Correlated:
 
 def pixel_weights(subset: Subset) -> Image:
     """Weight of each pixel of a whole subset (size, size)."""
+    along = _weights_along_side(subset)
+    return np.outer(along, along).astype(np.float32)
+
+
+def _weights_along_side(subset: Subset) -> Array:
+    """The weight of each pixel is the product of these (size,), of its column and of its row."""
     if subset.gaussian <= 0.0:
-        return np.ones((subset.size, subset.size), dtype=np.float32)
+        return np.ones(subset.size)
     offset = np.arange(subset.size) - subset.size // 2
-    gaussian = np.exp(-0.5 * (offset / subset.gaussian) ** 2)
-    return np.outer(gaussian, gaussian).astype(np.float32)
+    return np.asarray(np.exp(-0.5 * (offset / subset.gaussian) ** 2))
 
 
 @njit(error_model="numpy", **KERNEL)
 def _correlate(
-    reference: Template,
+    reference: tuple[Template, LatticeSums],
     target: tuple[Image, Mask],
     centres: Index,
     start: Array,
@@ -244,34 +270,34 @@ def _correlate(
 ) -> None:
     """The loop of :func:`correlate`, :func:`describe` and :func:`residuals` over points, which share a working space.
 
+    reference : its template, and the sums of such subsets
     target : coefficients of its spline, and its measured pixels (rows, cols); an empty mask if all are
     found : subsets that are VALID already are not searched for, they lie where they start
     rest : set instead of anything else, where it has room
 
     The warp decides which pixels are measured in the target too. They are selected again until the place settles.
     """
-    coefficients, measured = target
-    half, c, is_compared = len(weight) // 2, np.zeros((2, 6)), len(rest.f) > 0
-    work = working_space(weight, start.shape[2])
+    (template, sums), (coefficients, measured) = reference, target
+    work, is_compared = working_space(weight, start.shape[2]), len(rest.f) > 0
+    p, normal, c = work.pixels, work.normal, work.warp
     for k in range(len(centres)):
-        if not _is_known(start[k]):
+        if not _copy_known(start, k, c):
             continue
-        _copy_coefficients(c, start[k])
         row, col = centres[k, 1], centres[k, 0]
         is_found, settled = found.status[k] == _VALID, False
         for _ in range(_MAX_SELECTIONS):
             x, y = c[0, 0], c[1, 0]
-            is_clear = measured.size == 0 or shows_measured(measured, c, half)
-            is_whole, n, found.status[k] = _collect(reference, measured, is_clear, (row, col), weight, control, work, c)
+            is_clear = measured.size == 0 or shows_measured(measured, c, len(weight) // 2)
+            n, found.status[k] = _collect(template, measured, is_clear, (row, col), weight, control, work)
             if n == 0:
                 break
-            p = work.whole if is_whole else work.cut
-            if not is_compared and not prepare(p, n, work.ones_like_f, work.normal):
+            at = index_of_sums(sums, row, col) if n == weight.size else -1
+            if not is_compared and not prepare(p, n, work.ones_like_f, (sums.values, at), normal):
                 found.status[k] = _LOW_TEXTURE
                 break
             if is_compared or not is_found:
                 found.status[k], found.iterations[k], found.znssd[k], found.contraction[k] = iterate(
-                    coefficients, p, n, work.normal, control, work.places, c, (rest, k)
+                    coefficients, p, n, normal, control, work.places, c, (rest, k)
                 )
             shift = abs(c[0, 0] - x) + abs(c[1, 0] - y)
             settled = measured.size == 0 or shift < (CLEAR_MARGIN_PX if is_clear else _MAX_SHIFT_PX)
@@ -280,8 +306,18 @@ def _correlate(
         if found.status[k] == _VALID and not settled:
             found.status[k] = _NOT_CONVERGED
         if found.status[k] == _VALID and not is_compared:
-            _copy_coefficients(found.warp[k], c)
-            _set_uncertainty(p, n, work.ones_like_f, work.normal, control, c, found, k)
+            _set_found(p, n, work.ones_like_f, normal, control, c, found, k)
+
+
+@njit(error_model="numpy", **INNER)
+def _copy_known(start: Array, k: int, warp: Array) -> bool:
+    """Copy the coefficients of the k-th warp, with zeros for those that it lacks; False where one is not finite."""
+    for i in range(2):
+        for j in range(warp.shape[1]):
+            warp[i, j] = start[k, i, j] if j < start.shape[2] else 0.0
+            if not np.isfinite(warp[i, j]):
+                return False
+    return True
 
 
 @njit(error_model="numpy", **INNER)
@@ -293,32 +329,44 @@ def _collect(
     weight: Image,
     control: Control,
     work: Work,
-    c: Array,
-) -> tuple[bool, int, int]:
-    """Collect the pixels of the subset around (row, column): whether it is whole, their number, and its status.
+) -> tuple[int, int]:
+    """Collect the pixels of the subset around (row, column): their number, and its status.
 
     is_clear : whether all pixels around it in the target are measured
     Without any pixel the status says why.
     """
-    if is_clear and _copy_whole(reference, centre[0], centre[1], len(weight), work.whole):
-        return True, weight.size, _VALID
-    n, status = _select(reference, measured, centre, weight, control, work.cut, work.marks, c)
-    return False, n, status
-
-
-@njit(error_model="numpy", **INNER)
-def _copy_whole(reference: Template, row: int, col: int, size: int, p: Pixels) -> bool:
-    """Copy the grey levels and derivatives of the subset around a pixel; False, and nothing, if it is not whole."""
-    if not is_whole(reference.unusable, row, col, size // 2):
-        return False
+    (row, col), size, p = centre, len(weight), work.pixels
+    if not (is_clear and is_whole(reference.unusable, row, col, size // 2)):
+        work.collected[0], status = _select(reference, measured, centre, weight, control, work)
+        return work.collected[0], status
+    if work.collected[0] < weight.size:
+        lay_out(weight, p)
+        work.collected[0] = weight.size
     copy_square(reference.grey, row, col, size, p.f)
     copy_square(reference.by_x, row, col, size, p.fx)
     copy_square(reference.by_y, row, col, size, p.fy)
-    return True
+    return weight.size, _VALID
 
 
 @njit(error_model="numpy", **INNER)
-def _set_uncertainty(
+def _select(
+    reference: Template, measured: Mask, centre: tuple[int, int], weight: Image, control: Control, work: Work
+) -> tuple[int, int]:
+    """Collect the pixels of a cut subset around (row, column); returns their number, and why they are too few, if 0."""
+    p, room, half, least = work.pixels, weight.size, len(weight) // 2, control.min_pixels
+    n, in_part = gather_part(reference, centre[0], centre[1], weight, p, work.marks)
+    if in_part < control.min_share * room or in_part < least:
+        return 0, _CUT_SUBSET
+    if measured.size > 0:
+        n = keep_measured(p, n, work.warp, half, measured)
+    if n < min(control.min_share, _MIN_MEASURED_SHARE) * room or n < least:
+        return 0, _OVEREXPOSED
+    count_rows(p, n, half)
+    return n, _VALID
+
+
+@njit(error_model="numpy", **INNER)
+def _set_found(
     p: Pixels,
     n: int,
     ones_like_f: Image,
@@ -328,49 +376,10 @@ def _set_uncertainty(
     found: Correlated,
     k: int,
 ) -> None:
-    """Set the texture of the k-th subset, and the covariance of its place by a warp c (2, 6)."""
+    """Set the warp c (2, 6) of the k-th subset, its texture, and the covariance of its place."""
+    for i in range(2):
+        for j in range(found.warp.shape[2]):
+            found.warp[k, i, j] = c[i, j]
     found.texture[k, 0] = normal.statistics[2] / normal.statistics[1]
     found.texture[k, 1] = mean_square_slope(normal)
     covariance(p, n, ones_like_f, normal, control.is_weighted, c, found.covariance[k])
-
-
-@njit(error_model="numpy", **INNER)
-def _select(
-    reference: Template,
-    measured: Mask,
-    centre: tuple[int, int],
-    weight: Image,
-    control: Control,
-    cut: Pixels,
-    marks: Bytes,
-    c: Array,
-) -> tuple[int, int]:
-    """Collect the pixels of a cut subset around (row, column); returns their number, and why they are too few, if 0."""
-    room, half, least = weight.size, len(weight) // 2, control.min_pixels
-    n, in_part = gather_part(reference, centre[0], centre[1], weight, cut, marks)
-    if in_part < control.min_share * room or in_part < least:
-        return 0, _CUT_SUBSET
-    if measured.size > 0:
-        n = keep_measured(cut, n, c, half, measured)
-    if n < min(control.min_share, _MIN_MEASURED_SHARE) * room or n < least:
-        return 0, _OVEREXPOSED
-    count_rows(cut, n, half)
-    return n, _VALID
-
-
-@njit(error_model="numpy", **INNER)
-def _is_known(warp: Array) -> bool:
-    """Whether all coefficients are finite."""
-    for i in range(warp.shape[0]):
-        for j in range(warp.shape[1]):
-            if not np.isfinite(warp[i, j]):
-                return False
-    return True
-
-
-@njit(error_model="numpy", **INNER)
-def _copy_coefficients(warp: Array, values: Array) -> None:
-    """Copy the coefficients of ``values`` into ``warp``; those that it lacks become zero."""
-    for i in range(2):
-        for j in range(warp.shape[1]):
-            warp[i, j] = values[i, j] if j < values.shape[1] else 0.0

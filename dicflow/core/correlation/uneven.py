@@ -20,7 +20,7 @@ from numba import njit
 
 from dicflow.core.arrays import Array, Image, Index, Mask
 from dicflow.core.correlation.residuals import Residuals
-from dicflow.core.kernels import INNER, KERNEL
+from dicflow.core.kernels import INNER, KERNEL, MAKER
 from dicflow.core.photographs.interpolate import FAST_MATH
 
 __all__ = ["uneven_variance"]
@@ -155,7 +155,7 @@ def _products(columns: Image, sums: Array, total: Array) -> None:
                 pair += 1
 
 
-@njit(error_model="numpy", **INNER)
+@njit(error_model="numpy", **MAKER)
 def _leave_out(sums: Array, total: Array, cells: Index, lanes: Array) -> None:
     """Products without each part, and in the next lane all of them, into ``lanes`` (pair, lane)."""
     rest = np.empty(len(total))
@@ -172,7 +172,7 @@ def _leave_out(sums: Array, total: Array, cells: Index, lanes: Array) -> None:
             lanes[pair, lane] = rest[pair]
 
 
-@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
+@njit(fastmath=FAST_MATH, error_model="numpy", **MAKER)
 def _solve_lanes(a: Array, terms: int, usable: Mask, places: Array) -> None:
     """Shifts of the centre along x and y, and their variances for noise of one grey level, into ``places`` (4, lane).
 

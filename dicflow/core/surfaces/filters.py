@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.cholesky import factorise, solve_columns
-from dicflow.core.kernels import INNER, KERNEL
+from dicflow.core.kernels import INNER, KERNEL, MAKER
 
 __all__ = [
     "Filled",
@@ -285,7 +285,7 @@ def _multiply(of_whole: Array, moments: Array, coefficients: Array) -> None:
         coefficients[i, planes] = of_whole[i, 0]
 
 
-@njit(**INNER)
+@njit(**MAKER)
 def _solve(normal: Array, indices: Index, moments: Array, coefficients: Array) -> bool:
     """The same of a window with these moments of its weights; False where the polynomial is not determined."""
     planes, n = moments.shape
