@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array, Mask
 
-__all__ = ["congruent", "cross", "inverse", "on_grid", "symmetric", "upper_triangle"]
+__all__ = ["congruent", "cross", "inverse", "on_grid", "product", "symmetric", "upper_triangle"]
 
 
 def inverse(matrices: Array) -> Array:
@@ -16,6 +16,16 @@ def inverse(matrices: Array) -> Array:
     adjugate = np.moveaxis(np.array([[d, -b], [-c, a]]), (0, 1), (-2, -1))
     determinant = a * d - b * c
     return np.asarray(adjugate / np.where(determinant == 0.0, np.nan, determinant)[..., None, None])
+
+
+def product(first: Array, second: Array) -> Array:
+    """A B for matrices A (..., 2, 2) and B (..., 2, k) at every point, as ``@`` has it in five times the time."""
+    shape = np.broadcast_shapes(first.shape[:-2], second.shape[:-2])
+    result = np.empty((*shape, 2, second.shape[-1]))
+    for i in range(2):
+        for k in range(second.shape[-1]):
+            result[..., i, k] = first[..., i, 0] * second[..., 0, k] + first[..., i, 1] * second[..., 1, k]
+    return result
 
 
 def cross(first: Array, second: Array) -> Array:

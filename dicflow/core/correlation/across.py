@@ -12,7 +12,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Array, Codes, Grey, Mask
+from dicflow.core.arrays import Array, Codes, Grey, Mask, all_finite
 from dicflow.core.correlation.chain import uncancelled_noise
 from dicflow.core.correlation.edges import usual_residual
 from dicflow.core.correlation.partners import starting_warps
@@ -34,7 +34,7 @@ from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.photographs.noise import image_noise, interpolated_noise_ratio
 from dicflow.core.photographs.texture import saturation_level
 from dicflow.core.status import Status
-from dicflow.core.tensors import congruent, inverse
+from dicflow.core.tensors import congruent, inverse, product
 
 __all__ = [
     "PointsInStep",
@@ -89,7 +89,7 @@ def follow_across(
     """
     if reference_step is None:
         return find_points(_selected(first, np.ones_like(route, dtype=bool), search), target, starts, search)
-    through = (route == VIA_REFERENCE_STEP) & np.isfinite(reference_step.points).all(axis=-1)
+    through = (route == VIA_REFERENCE_STEP) & all_finite(reference_step.points)
     found = find_points(_selected(first, ~through, search), target, starts, search)
     usual = usual_residual(found.residual)
     chained = find_points(_selected(reference_step, through, search), target, starts, search, usual=usual)
@@ -126,7 +126,7 @@ def _selected(reference: ReferencePhotograph, selected: Mask, search: Search) ->
 
 def starts_from_previous_step(left: PointsInStep, left_before: PointsInStep, right_before: PointsInStep) -> Array:
     """Starting warps (row, col, 2, 3) for a right photograph, as if it saw the surface as at the previous step."""
-    slope = right_before.gradient @ inverse(left_before.gradient)
+    slope = product(right_before.gradient, inverse(left_before.gradient))
     moved = (slope @ (left.xy - left_before.xy)[..., None])[..., 0]
     return starting_warps(np.concatenate([left.xy[..., None], left.gradient], axis=-1), right_before.xy + moved, slope)
 
@@ -136,8 +136,8 @@ def starts_agree(left: Grey, right: Grey, centres: Array, starts: Array) -> bool
 
     left, centres : the photograph that the warps start from, and the points in it [px]
     """
-    in_grid = np.isfinite(centres).all(axis=-1)
-    known = in_grid & np.isfinite(starts).all(axis=(-2, -1))
+    in_grid = all_finite(centres)
+    known = in_grid & all_finite(starts, 2)
     if known.sum() <= _MIN_SHARE_WITH_START * in_grid.sum():
         return False
     return window_correlation(left, right, centres[known], starts[known]) >= ACCEPTED_CORRELATION
@@ -158,7 +158,7 @@ def overexposed_share(image: Grey, places: Array) -> float:
 def _levels(image: Grey, places: Array) -> Grey:
     """Grey levels (n,) at those of the places (..., 2) [px] that lie in an image."""
     height, width = image.shape
-    x, y = np.rint(places[np.isfinite(places).all(axis=-1)]).astype(int).T
+    x, y = np.rint(places[all_finite(places)]).astype(int).T
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
     return np.asarray(image[y[inside], x[inside]])
 
@@ -170,7 +170,7 @@ def noise_ratio(left: Grey, right: Grey, places: Array, places_right: Array) -> 
 
     The pattern adds to an estimate from a single photograph, but by much the same factor in both.
     """
-    known = np.asarray(np.isfinite(places + places_right).all(axis=-1))
+    known = all_finite(places + places_right)
     views = (left, places), (right, places_right)
     levels = [image_noise(image, grid_mask(image.shape, np.where(known[..., None], at, np.nan))) for image, at in views]
     return float(np.clip(levels[1] / levels[0], 0.1, 10.0)) if min(levels) > 0.0 else 1.0
@@ -204,7 +204,7 @@ def why_lost(found: FoundPoints, points: Array, left: Grey, right: Grey, parts: 
 
 def grid_mask(shape: tuple[int, ...], places: Array) -> Mask:
     """Pixels of an image inside the cells of a grid of places (row, col, 2) [px]; NaN where a place is missing."""
-    known = np.asarray(np.isfinite(places).all(axis=-1))
+    known = all_finite(places)
     inside = np.zeros(shape, dtype=np.uint8)
     whole = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]
     pixels = np.rint(np.nan_to_num(places)).astype(np.int32)

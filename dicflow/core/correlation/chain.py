@@ -12,6 +12,7 @@ import numpy.typing as npt
 from dicflow.core.arrays import Array
 from dicflow.core.correlation.warp import TERMS, apply_warp, gradient
 from dicflow.core.photographs.noise import interpolated_noise_ratio
+from dicflow.core.tensors import product
 
 __all__ = ["chained", "uncancelled_noise"]
 
@@ -34,7 +35,7 @@ def chained(first: Array, second: Array, centres: npt.ArrayLike) -> Array:
     slope = gradient(second, offset)
     total = np.empty(np.broadcast_shapes(first.shape[:-1], second.shape[:-1]) + first.shape[-1:])
     total[..., 0] = apply_warp(second, offset)
-    total[..., 1:] = slope @ first[..., 1:]
+    total[..., 1:] = product(slope, first[..., 1:])
     if first.shape[-1] == second.shape[-1] == TERMS["quadratic"]:
         (a, b), (e, f) = (np.moveaxis(first[..., axis, 1:3], -1, 0)[..., None] for axis in (0, 1))
         xx, xy, yy = second[..., 3], second[..., 4], second[..., 5]

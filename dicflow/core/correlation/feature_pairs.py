@@ -14,7 +14,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Array, Grey
+from dicflow.core.arrays import Array, Grey, all_finite
 from dicflow.core.matching.features import Box, Features, detect
 from dicflow.core.matching.pairs import agreeing_matches, guided_matches, local_motion, match_features
 
@@ -106,7 +106,7 @@ def feature_pairs(reference: Grey, target: Grey, points: Array) -> Pairs:
 
 def _box_around(points: Array, shape: tuple[int, ...]) -> Box | None:
     """The pixels (x0, y0, x1, y1) around points; None where an image of a shape has none of them."""
-    known = points[np.isfinite(points).all(axis=-1)]
+    known = points[all_finite(points)]
     low, high = known.min(axis=0) - _BORDER_PX, known.max(axis=0) + _BORDER_PX
     corner, end = np.maximum(low, 0).astype(int), np.minimum(high, shape[::-1]).astype(int)
     return None if (end <= corner).any() else (int(corner[0]), int(corner[1]), int(end[0]), int(end[1]))

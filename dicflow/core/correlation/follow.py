@@ -15,7 +15,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Array, Codes, Index, Iterations, Mask
+from dicflow.core.arrays import Array, Codes, Index, Iterations, Mask, all_finite
 from dicflow.core.correlation.lattice_sums import LatticeSums
 from dicflow.core.correlation.neighbours import (
     Prediction,
@@ -158,7 +158,7 @@ class _FieldSearch:
 
     def correlate_points(self, points: Index, starts: Array) -> None:
         """Correlate points (n, 2) of the grid from warps (n, 2, 3 or 6), except where these are NaN."""
-        known = np.isfinite(starts).all(axis=(-2, -1))
+        known = all_finite(starts, 2)
         rows, cols = points[known].T
         found = correlate(
             self.reference,
@@ -227,7 +227,7 @@ class _FieldSearch:
 
 def _untracked_field(grid: Array, subset: Subset) -> Field:
     shape = grid.shape[:2]
-    status = np.where(np.isfinite(grid).all(axis=-1), Status.UNTRACKED, Status.OUTSIDE).astype(np.uint8)
+    status = np.where(all_finite(grid), Status.UNTRACKED, Status.OUTSIDE).astype(np.uint8)
     return Field(
         np.full((*shape, 2, TERMS[subset.shape_function]), np.nan),
         np.full(shape, np.nan),

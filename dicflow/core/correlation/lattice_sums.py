@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from dicflow.core.arrays import Array, Image, Index, Mask
+from dicflow.core.arrays import Array, Image, Index, Mask, all_finite
 from dicflow.core.kernels import INNER, KERNEL
 from dicflow.core.photographs.interpolate import FAST_MATH
 from dicflow.core.threads import over
@@ -60,7 +60,7 @@ def lattice_sums(
     degree : of the warp, 1 or 2
     threads : how many share the rows; the result does not depend on it
     """
-    half, known = len(weight) // 2, np.asarray(np.isfinite(centres).all(axis=-1))
+    half, known = len(weight) // 2, all_finite(centres)
     found = _lattice(centres, known, half, images[0].shape) if known.sum() > 1 else None
     if found is None:
         return NO_SUMS

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dicflow.core.arrays import Array, Grey, Mask
+from dicflow.core.arrays import Array, Grey, Mask, all_finite
 from dicflow.core.correlation.chain import chained
 from dicflow.core.correlation.edges import AT_EDGES, usual_residual
 from dicflow.core.correlation.points import (
@@ -159,17 +159,17 @@ def _starting_warps(
 
 def _shows_motion(photograph: ReferencePhotograph) -> bool:
     """Whether enough points were found in a photograph to follow the motion from there."""
-    return bool(np.isfinite(photograph.points).all(axis=-1).sum() >= MIN_POINTS_FOR_MOTION)
+    return bool(all_finite(photograph.points).sum() >= MIN_POINTS_FOR_MOTION)
 
 
 def _lost_points(found: FoundPoints, previous: ReferencePhotograph) -> Mask:
     """Points that have a value at the previous step, and may be found at this one with another reference photograph."""
-    known = np.isfinite(previous.points).all(axis=-1)
+    known = all_finite(previous.points)
     return np.asarray(known & ~found.valid & ~np.isin(found.status, (Status.OUTSIDE, *AT_EDGES)), dtype=np.bool_)
 
 
 def _too_many_lost(found: FoundPoints, previous: ReferencePhotograph, updating: Updating) -> bool:
-    known = np.isfinite(previous.points).all(axis=-1).sum()
+    known = all_finite(previous.points).sum()
     return bool(_lost_points(found, previous).sum() > updating.max_lost_share * known)
 
 
@@ -223,7 +223,7 @@ def _classify_lost(
 
     Their places follow from the points around them, or else are those ``expected``.
     """
-    lost = ~found.valid & np.isfinite(first.points).all(axis=-1) & (found.status != Status.CUT_SUBSET)
+    lost = ~found.valid & all_finite(first.points) & (found.status != Status.CUT_SUBSET)
     if not lost.any():
         return found
     place = np.full((int(lost.sum()), 2), np.nan)

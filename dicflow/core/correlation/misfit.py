@@ -25,7 +25,7 @@ import cv2
 import numpy as np
 from numpy.fft import irfft2, rfft2
 
-from dicflow.core.arrays import Array, Image, Index, Mask
+from dicflow.core.arrays import Array, Image, Index, Mask, all_finite
 from dicflow.core.correlation.residuals import Residuals
 from dicflow.core.correlation.subsets import Subset, residuals
 from dicflow.core.correlation.template import Template
@@ -106,7 +106,7 @@ def _standard_errors(excess: Array) -> Array:
 
 def _smooth(values: Array) -> Array:
     """Means over neighbours on the grid (row, col, 2, 2); 0 where all are NaN."""
-    known = np.asarray(np.isfinite(values).all(axis=(-2, -1)))
+    known = all_finite(values, 2)
     share, total = (
         cv2.GaussianBlur(part, (0, 0), _NEIGHBOUR_SIGMA, borderType=cv2.BORDER_CONSTANT)
         for part in (known.astype(np.float64), np.where(known[..., None, None], values, 0.0).reshape(*known.shape, 4))
@@ -126,7 +126,7 @@ def place_covariances(
     half = subset.size // 2
     limits = np.array(reference.grey.shape[::-1]) - half
     inside = np.asarray((centres >= half) & (centres < limits)).all(axis=1)
-    whole = np.flatnonzero(inside & np.isfinite(warp).all(axis=(1, 2)))
+    whole = np.flatnonzero(inside & all_finite(warp, 2))
 
     def compute(part: Index) -> None:
         found.residual[part], found.noise[part] = _inside(reference, target, centres[part], warp[part], subset)

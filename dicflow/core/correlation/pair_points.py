@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dicflow.core.arrays import Array, Grey
+from dicflow.core.arrays import Array, Grey, all_finite
 from dicflow.core.cameras.camera import Rig
 from dicflow.core.cameras.relative_orientation import MatchedPoints
 from dicflow.core.correlation.edges import residual_variance
@@ -53,7 +53,7 @@ def pair_points(rig: Rig, left: Photograph, right: Photograph, subset_size: int,
     valid = correlation.field.status == Status.VALID
     noise = residual_noise(residual_variance(correlation.field)[valid], search.degree) if valid.any() else _UNKNOWN
     found = judge(first, correlation, search._replace(noise=max(noise, ROUNDING_NOISE)))
-    kept = found.valid & np.isfinite(found.covariance + found.template_covariance).all(axis=-1)
+    kept = found.valid & all_finite(found.covariance + found.template_covariance)
     return MatchedPoints(grid[kept], found.warp[kept][..., 0], found.template_covariance[kept], found.covariance[kept])
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Array, Grey, Image, Mask
+from dicflow.core.arrays import Array, Grey, Image, Mask, all_finite
 from dicflow.core.cameras.camera import Rig
 from dicflow.core.cameras.rectification import (
     Rectification,
@@ -23,6 +23,7 @@ from dicflow.core.cameras.rectification import (
     rectify,
 )
 from dicflow.core.matching.pairs import agreeing_matches, local_motion
+from dicflow.core.tensors import product
 
 __all__ = ["MIN_PARTNERS", "Partners", "find_partners", "right_of_left", "starting_warps"]
 
@@ -90,7 +91,7 @@ def find_partners(rig: Rig, left: Grey, right: Grey, points: Array, window_px: f
     Where few are found, windows of other looks are compared too, as of surfaces askew to the cameras.
     Raises ValueError where the rig cannot be rectified.
     """
-    points = points[np.isfinite(points).all(axis=1)]
+    points = points[all_finite(points)]
     small, scale = _reduced(rectification(rig))
     half = max(_MIN_WINDOW_PX, round(window_px * scale)) // 2
     places = raw_to_rectified(points, rig.left, small.rotation_left, small.matrix_left)
@@ -103,7 +104,7 @@ def find_partners(rig: Rig, left: Grey, right: Grey, points: Array, window_px: f
         if missing.mean() <= 1.0 - _SUFFICIENT_SHARE:
             break
         found[missing] = _matched_places(view, places[missing], half, look)
-    known = np.isfinite(found).all(axis=1)
+    known = all_finite(found)
     points = points[known]
     partners = rectified_to_raw(found[known], rig.right, strip.rotation_right, strip.matrix_right)
     kept = agreeing_matches(points, partners)
@@ -116,7 +117,7 @@ def right_of_left(partners: Partners, places: Array) -> tuple[Array, Array]:
     Returns the places (..., 2) [px] and their slopes ∂(right)/∂(left) (..., 2, 2); NaN where a place is NaN, and
     everywhere with too few partners.
     """
-    known = np.isfinite(places).all(axis=-1)
+    known = all_finite(places)
     position, slope = np.full(places.shape, np.nan), np.full((*places.shape, 2), np.nan)
     if len(partners.left) >= MIN_PARTNERS and known.any():
         position[known], slope[known] = local_motion(partners.left, partners.right, places[known])
@@ -129,7 +130,7 @@ def starting_warps(warp_left: Array, position: Array, slope: Array) -> Array:
     warp_left : (..., 2, 3 or 6) — from the first left photograph to the left one of the step
     position, slope : (..., 2), (..., 2, 2) — of :func:`right_of_left` at the places of its centres
     """
-    return np.concatenate([position[..., None], slope @ warp_left[..., 1:3]], axis=-1)
+    return np.concatenate([position[..., None], product(slope, warp_left[..., 1:3])], axis=-1)
 
 
 def _reduced(full: Rectification) -> tuple[Rectification, float]:

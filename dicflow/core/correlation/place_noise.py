@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dicflow.core.arrays import Index
+from dicflow.core.arrays import Index, all_finite
 from dicflow.core.correlation.edges import residual_variance
 from dicflow.core.correlation.misfit import place_covariances
 from dicflow.core.correlation.search import CorrelatedField, Search
@@ -45,7 +45,7 @@ def noise_of_places(correlation: CorrelatedField, origin: tuple[int, int], searc
     ratio = damping.target * correlation.gain * interpolated_noise_ratio(gradient(warp), search.degree)
     of_noise = (damping.template + ratio)[:, None] * found.noise[:, [0, 1], [0, 1]]
     share = found.residual[:, [0, 1], [0, 1]] / np.maximum(of_noise, 1e-300)
-    known = share[np.isfinite(share).all(axis=1)]
+    known = share[all_finite(share)]
     chance = 1.0 - _MEAN_OF_PLAIN * np.sqrt(2.0) / search.subset.size
     return float(np.sqrt(known.mean(axis=0).min() / chance)) if len(known) else float("inf")
 

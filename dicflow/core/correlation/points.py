@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dicflow.core.arrays import Array, Codes, Iterations, Mask
+from dicflow.core.arrays import Array, Codes, Iterations, Mask, all_finite
 from dicflow.core.correlation.warp import warp_from_gradient
 from dicflow.core.matching.pairs import local_motion
 from dicflow.core.nearest import nearest
@@ -104,12 +104,12 @@ class FoundPoints(NamedTuple):
 
 def cropped(reference: ReferencePhotograph, subset_size: int) -> ReferencePhotograph:
     """The reference photograph without pixels that its subsets do not need."""
-    known = reference.points[np.isfinite(reference.points).all(axis=-1)] - reference.origin
-    if len(known) == 0:
+    if not all_finite(reference.points).any():
         return reference
-    reach = subset_size // 2 + 1 + MARGIN_PX
-    x0, y0 = np.maximum(np.floor(known.min(axis=0)).astype(int) - reach, 0).tolist()
-    x1, y1 = (np.ceil(known.max(axis=0)).astype(int) + reach + 1).tolist()
+    reach, places = subset_size // 2 + 1 + MARGIN_PX, [reference.points[..., axis] for axis in range(2)]
+    least, most = (np.array([bound(place) for place in places]) for bound in (np.nanmin, np.nanmax))
+    x0, y0 = np.maximum(np.floor(least - reference.origin).astype(int) - reach, 0).tolist()
+    x1, y1 = (np.ceil(most - reference.origin).astype(int) + reach + 1).tolist()
     part = slice(y0, y1), slice(x0, x1)
     origin = reference.origin[0] + x0, reference.origin[1] + y0
     image = Photograph._make(None if values is None else values[part] for values in reference.image)
@@ -141,7 +141,7 @@ def carried_points(found: FoundPoints, grid: Array, points: Array) -> Array:
 
 def carried_motion(found: FoundPoints, grid: Array, points: Array) -> Array:
     """Affine warps (n, 2, 3) of points (n, 2) of the first photograph, as :func:`carried_points`."""
-    valid = found.valid & np.isfinite(grid).all(axis=-1)
+    valid = found.valid & all_finite(grid)
     if valid.sum() < MIN_POINTS_FOR_MOTION or len(points) == 0:
         return np.full((*points.shape, 3), np.nan)
     return warp_from_gradient(*local_motion(grid[valid], found.warp[valid][..., 0], points))
@@ -155,7 +155,7 @@ def carried_outline(
     A corner moves with points on its own side of a cut.
     """
     separate = len(start) > 1
-    polygon = enclosing(start, parts.places) if separate else np.isfinite(parts.places).all(axis=-1).astype(np.int32)
+    polygon = enclosing(start, parts.places) if separate else all_finite(parts.places).astype(np.int32)
     outline = []
     for number, (before, kept) in enumerate(zip(start, last, strict=True), start=1):
         places = np.where((polygon == number)[..., None], parts.places, np.nan)
@@ -169,7 +169,7 @@ def carried_outline(
 def _carried_ring(found: FoundPoints, places: Array, cuts: Array, ring: Array) -> Array:
     """Corners (n, 2) of a polygon, carried by points on their own side of the cuts where these are enough."""
     carried = carried_points(found, places, ring)
-    valid = found.valid & np.isfinite(places).all(axis=-1)
+    valid = found.valid & all_finite(places)
     if len(cuts) == 0 or np.isnan(carried).any():
         return carried
     source, target = places[valid], found.warp[valid][..., 0]
@@ -182,7 +182,7 @@ def _carried_ring(found: FoundPoints, places: Array, cuts: Array, ring: Array) -
 
 def part_masks(points: Array, parts: Parts | None) -> Iterator[Mask]:
     """Which points of a grid (rows, cols, 2) belong to each of its parts; all of them if it has a single one."""
-    known = np.asarray(np.isfinite(points).all(axis=-1))
+    known = all_finite(points)
     if parts is None or parts.is_single:
         yield known
     else:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Array, Grey, Image, Mask
+from dicflow.core.arrays import Array, Grey, Image, Mask, all_finite
 from dicflow.core.correlation.blur import Damping, equally_sharp
 from dicflow.core.correlation.chain import chained, uncancelled_noise
 from dicflow.core.correlation.edges import find_edges, residual_variance, usual_residual
@@ -30,7 +30,7 @@ from dicflow.core.photographs.exposure import Photograph
 from dicflow.core.photographs.interpolate import Spline, spline
 from dicflow.core.photographs.noise import interpolated_noise_ratio, interpolated_variance
 from dicflow.core.status import Status
-from dicflow.core.tensors import congruent, inverse
+from dicflow.core.tensors import congruent, inverse, product
 from dicflow.core.threads import at_once
 
 __all__ = [
@@ -112,7 +112,7 @@ def points_in_first_photograph(first: ReferencePhotograph, search: Search) -> Fo
     The covariance is that of the first photograph's noise, which all later places share; NaN where a point has no
     value.
     """
-    itself, inside = target_spline(first.image, search), np.asarray(np.isfinite(first.points).all(axis=-1))
+    itself, inside = target_spline(first.image, search), all_finite(first.points)
     own, centres = template(itself, first.region, search.threads), first.points - first.origin
     sums = sums_of_subsets(own, centres, search.subset, search.threads)
     found = describe(own, itself.measured, centres[inside], search.subset, search.threads, sums)
@@ -196,7 +196,7 @@ def correlate_points(
     """
     own = own_template(reference, search) if own is None else own
     centres, places, warps = _centres_and_warps(reference, starts)
-    known = np.isfinite(warps).all(axis=(-2, -1)) & np.isfinite(places).all(axis=-1)
+    known = all_finite(warps, 2) & all_finite(places)
     image, target, damping = equally_sharp(
         own.grey, reference.region, target, places[known], warps[known], search.smoothing_px
     )
@@ -367,4 +367,4 @@ def _smoothed(image: Grey, search: Search) -> Image:
 def _motion_gradients(reference: ReferencePhotograph, starts: Array) -> Array:
     """Gradients (rows, cols, 2, 2) of the motion from a reference photograph to where ``starts`` lead."""
     known = np.where(np.isnan(reference.warp[..., 1:3]), np.eye(2), reference.warp[..., 1:3])
-    return starts[..., 1:3] @ inverse(known)
+    return product(starts[..., 1:3], inverse(known))

@@ -15,7 +15,7 @@ from itertools import islice
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Array, Grey, Index, Mask
+from dicflow.core.arrays import Array, Grey, Index, Mask, all_finite
 from dicflow.core.correlation.feature_pairs import MIN_PAIRS, FeatureSearch, Pairs, feature_pairs
 from dicflow.core.correlation.warp import apply_warp, identity, recentred, warp_from_gradient
 from dicflow.core.matching.fft_search import fft_matches
@@ -72,7 +72,7 @@ def seed_warps(
     Returns (i, j, 2, 3); NaN where unknown.
     """
     warps = np.full((*points.shape, 3), np.nan)
-    numbered = islands(np.asarray(np.isfinite(points).all(axis=-1)), parts)
+    numbered = islands(all_finite(points), parts)
     features = FeatureSearch(reference, target, points) if numbered.any() else ()
     images = np.asarray(reference, dtype=np.float32), np.asarray(target, dtype=np.float32)
     for island in range(1, numbered.max(initial=0) + 1):
@@ -154,7 +154,7 @@ def window_correlation(reference: Grey, target: Grey, centres: Array, warps: Arr
     centres : (n, 2) [px]; warps : (n, 2, 3) — NaN where unknown
     Returns −1 where too few windows lie in both images. At most SAMPLED_POINTS points, evenly chosen, are compared.
     """
-    known = np.flatnonzero(np.isfinite(warps).all(axis=(1, 2)))
+    known = np.flatnonzero(all_finite(warps, 2))
     chosen = known[np.linspace(0, len(known) - 1, min(SAMPLED_POINTS, len(known))).astype(int)]
     if len(chosen) == 0:
         return -1.0
@@ -215,7 +215,7 @@ def _correlation(f: Array, g: Array, seen: Mask) -> Array:
 def _pairs_of_part(pairs: Pairs, points: Array, in_part: Mask) -> Pairs:
     """The pairs of one part of the grid, without those that disagree with their neighbours."""
     source, target = pairs
-    known = np.isfinite(points).all(axis=-1)
+    known = all_finite(points)
     if len(source) == 0:
         return pairs
     distance, index = nearest(points[known], source)
@@ -280,7 +280,7 @@ def epipolar_pairs(left: Grey, right: Grey, points: Array) -> Pairs:
     Photographs of different things, or with a repeating pattern, have false matches, which no geometry fits.
     """
     none = Pairs(np.zeros((0, 2)), np.zeros((0, 2)))
-    pairs = feature_pairs(left, right, points) if np.isfinite(points).all(axis=-1).any() else none
+    pairs = feature_pairs(left, right, points) if all_finite(points).any() else none
     if len(pairs.source) < MIN_EPIPOLAR_PAIRS:
         return none
     cv2.setRNGSeed(0)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from dicflow.core.arrays import Array
 from dicflow.core.surfaces.filters import local_polynomial
 from dicflow.core.surfaces.surface import evaluate, fit_surface
-from dicflow.core.tensors import cross, inverse
+from dicflow.core.tensors import cross, inverse, product
 
 __all__ = [
     "Strain",
@@ -84,7 +84,7 @@ def deformation_gradient(before: Array, after: Array) -> Array:
     reference = np.swapaxes(tangent_basis(before), -1, -2) @ before
     deformed = np.swapaxes(tangent_basis(after), -1, -2) @ after
     with np.errstate(invalid="ignore"):
-        return np.asarray(deformed @ inverse(reference))
+        return product(deformed, inverse(reference))
 
 
 def engineering_strain(gradient: Array) -> Strain:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.cholesky import factorise, solve_columns
-from dicflow.core.kernels import INNER, KERNEL, MAKER
+from dicflow.core.kernels import INNER, KERNEL
 
 __all__ = [
     "Filled",
@@ -271,37 +271,39 @@ def _of_whole_window(window: tuple[int, int], degree: int, kernel: Kernel) -> Ar
 
 @njit(**INNER)
 def _multiply(of_whole: Array, moments: Array, coefficients: Array) -> None:
-    """The coefficients (3, k + 1) of a whole window, those of a unit pulse at its centre last.
+    """The coefficients (3, k, col) of windows along a row as if these were whole; of degree 0 only the first are set.
 
-    moments : (k, n); coefficients : zeros, those that the polynomial has are written
+    moments : (k, n, col)
     """
-    planes, n = moments.shape
+    planes, n, cols = moments.shape
     for i in range(min(n, 3)):
         for plane in range(planes):
-            total = 0.0
+            total = coefficients[i, plane]
+            total[:] = 0.0
             for j in range(n):
-                total += of_whole[i, j] * moments[plane, j]
-            coefficients[i, plane] = total
-        coefficients[i, planes] = of_whole[i, 0]
+                weight, values = of_whole[i, j], moments[plane, j]
+                for col in range(cols):
+                    total[col] += weight * values[col]
 
 
-@njit(**MAKER)
-def _solve(normal: Array, indices: Index, moments: Array, coefficients: Array) -> bool:
-    """The same of a window with these moments of its weights; False where the polynomial is not determined."""
+@njit(**INNER)
+def _solve(normal: Array, indices: Index, moments: Array, matrix: Array, side: Array) -> bool:
+    """Solve for the coefficients (n, k + 1) of one window; False where the polynomial is not determined.
+
+    normal : (moment,) of its weights; moments : (k, n)
+    matrix : (n, n) — working space; side : set to the coefficients, those of a unit pulse at the centre last
+    """
     planes, n = moments.shape
-    matrix, side = np.empty((n, n)), np.zeros((n, planes + 1))
     for i in range(n):
         for j in range(i + 1):
             matrix[i, j] = normal[indices[i, j]]
         for plane in range(planes):
             side[i, plane] = moments[plane, i]
+        side[i, planes] = 0.0
     side[0, planes] = 1.0
     if not factorise(matrix, _MIN_PIVOT_SHARE):
         return False
     solve_columns(matrix, side)
-    for i in range(min(n, 3)):
-        for plane in range(planes + 1):
-            coefficients[i, plane] = side[i, plane]
     return True
 
 
@@ -316,21 +318,20 @@ def _solve_all(
     of_whole : (n, n) — weights of the moments in the coefficients where the count is ``whole``
     Returns (3, row, col, k) and (row, col); the gradient of degree 0 is 0; NaN where the polynomial is not determined.
     """
-    rows, cols = count.shape
-    planes = right.shape[0]
-    solved = np.full((3, rows, cols, planes), np.nan)
-    leverage = np.full((rows, cols), np.nan)
-    coefficients = np.zeros((3, planes + 1))
+    (planes, n), (rows, cols) = right.shape[:2], count.shape
+    solved, leverage = np.full((3, rows, cols, planes), np.nan), np.full((rows, cols), np.nan)
+    of_row, matrix, side = np.zeros((3, planes, cols)), np.empty((n, n)), np.zeros((max(n, 3), planes + 1))
     for row in range(rows):
+        if np.isfinite(whole):
+            _multiply(of_whole, right[:, :, row], of_row)
         for col in range(cols):
             if count[row, col] < needed - 0.5:
                 continue
-            if count[row, col] > whole - 0.5:
-                _multiply(of_whole, right[:, :, row, col], coefficients)
-            elif not _solve(normal[:, row, col], indices, right[:, :, row, col], coefficients):
+            is_whole = count[row, col] > whole - 0.5
+            if not is_whole and not _solve(normal[:, row, col], indices, right[:, :, row, col], matrix, side[:n]):
                 continue
             for i in range(3):
                 for plane in range(planes):
-                    solved[i, row, col, plane] = coefficients[i, plane]
-            leverage[row, col] = coefficients[0, planes]
+                    solved[i, row, col, plane] = of_row[i, plane, col] if is_whole else side[i, plane]
+            leverage[row, col] = of_whole[0, 0] if is_whole else side[0, planes]
     return solved, leverage

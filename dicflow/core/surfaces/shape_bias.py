@@ -19,7 +19,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Array, Mask
+from dicflow.core.arrays import Array, Mask, all_finite
 from dicflow.core.parts import Parts, beside_borders
 from dicflow.core.surfaces.filters import local_polynomial
 from dicflow.core.threads import at_once, over
@@ -214,7 +214,7 @@ def affine_suffices(bias: ShapeBias, variance: Array) -> bool:
 
     bias : of an affine shape function; variance : (rows, cols, 2) — of the places by noise [px²]
     """
-    known = np.asarray(np.isfinite(bias.square + variance).all(axis=-1))
+    known = all_finite(bias.square + variance)
     if not known.any():
         return True
     limit, noise = _SHARE_OF_SIGMA**2 * variance[known], bias.noise[known]
@@ -227,7 +227,7 @@ def as_of_affine(found: PlacesOfSubsets, subset_size: int, step_size: int) -> Pl
     """The places of quadratic subsets as affine ones would have them: smoothed by planes over the side of a subset."""
     side = max(3, _odd(subset_size / step_size))
     smooth = local_polynomial(found.places, (side, side), 1).value
-    known = np.asarray(np.isfinite(found.places).all(axis=-1))
+    known = all_finite(found.places)
     return PlacesOfSubsets(np.where(known[..., None], smooth, np.nan), found.variance / _QUADRATIC_VARIANCE)
 
 
