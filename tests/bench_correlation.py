@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from dicflow.core.correlation.follow import Field, correlate_field
-from dicflow.core.correlation.subsets import Subset
+from dicflow.core.correlation.subsets import Subset, with_sums
 from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import spline
@@ -110,7 +110,8 @@ def follow(images: tuple[np.ndarray, np.ndarray], shape: str, degree: int, grid:
     begin = time.perf_counter()
     smooth = [cv2.GaussianBlur(image.astype(np.float32), (0, 0), LOW_PASS_PX) for image in images]
     reference, target = template(spline(smooth[0], degree)), spline(smooth[1], degree)
-    field = correlate_field(reference, target, grid, starts, Subset(SUBSET, shape), threads=THREADS)
+    subsets = with_sums(reference, grid, Subset(SUBSET, shape), THREADS)
+    field = correlate_field(subsets, target, grid, starts, Subset(SUBSET, shape), threads=THREADS)
     return time.perf_counter() - begin, field
 
 

@@ -219,7 +219,8 @@ class _Flow:
         if job.task.node.is_quick and not processes.are_ready:
             self._prepare()
             return _here
-        return partial(self._call, preferred=next(iter(job.workers(self._outcomes)), 0))
+        near = [*job.workers(self._outcomes), *job.workers(self._outcomes, kept=True)]
+        return partial(self._call, preferred=near)
 
     def _prepare(self) -> None:
         """Make this process ready for jobs, once."""

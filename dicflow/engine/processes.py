@@ -116,10 +116,10 @@ class WorkerProcesses:
                 self._start()
             self._unstarted = 0
 
-    def call(self, function: Callable[..., T], *arguments: Any, preferred: int = 0) -> T:
+    def call(self, function: Callable[..., T], *arguments: Any, preferred: Sequence[int] = ()) -> T:
         """The value of a function, computed in a worker; waits for a free one.
 
-        preferred : id of the process of a worker that is taken before others that are free
+        preferred : ids of the processes of workers that are taken before others that are free, in this order
         Raises what the function raises, WorkerLost, and WorkerError where no worker can be started.
         """
         worker = self._free(preferred)
@@ -156,7 +156,7 @@ class WorkerProcesses:
         except WorkerLost:
             raise WorkerError("a worker was killed twice at the same work, probably out of memory; use fewer") from None
 
-    def _free(self, preferred: int) -> _Worker:
+    def _free(self, preferred: Sequence[int]) -> _Worker:
         while True:
             with self._lock:
                 if self._unstarted and not self._idle:
@@ -255,12 +255,12 @@ class _Idle:
             self._waiting.append(worker)
             self._changed.notify()
 
-    def get(self, preferred: int) -> _Worker | None:
-        """Take the preferred one, or else the first one; waits for it."""
+    def get(self, preferred: Sequence[int]) -> _Worker | None:
+        """Take the first of the preferred ones, or else the first one; waits for it."""
         with self._changed:
             self._changed.wait_for(lambda: self._waiting)
             ids = [None if worker is None else worker.process.pid for worker in self._waiting]
-            return self._waiting.pop(ids.index(preferred) if preferred in ids else 0)
+            return self._waiting.pop(next((ids.index(one) for one in preferred if one in ids), 0))
 
     def take_all(self) -> list[_Worker]:
         """Take all that wait."""

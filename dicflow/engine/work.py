@@ -126,10 +126,13 @@ class Job:
         """The outcomes among those given that :func:`perform` takes."""
         return [outcomes[name] for name in self.awaited() if name in outcomes]
 
-    def workers(self, outcomes: Mapping[str, Outcome]) -> list[int]:
-        """Ids of the processes that have inputs in their memory that others would make again, that of most first."""
-        made = (outcome for outcome in self.known_inputs(outcomes) if outcome.worker)
-        near = Counter(outcome.worker for outcome in made if outcome.ref is not None and outcome.ref.recipe is not None)
+    def workers(self, outcomes: Mapping[str, Outcome], kept: bool = False) -> list[int]:
+        """Ids of the processes that have inputs in their memory that others would make again, that of most first.
+
+        kept : of those, instead, that have inputs in their memory that others would read
+        """
+        made = [(outcome.worker, outcome.ref) for outcome in self.known_inputs(outcomes) if outcome.worker]
+        near = Counter(worker for worker, ref in made if ref is not None and (ref.recipe is None) == kept)
         return [worker for worker, _ in near.most_common()]
 
     def outcome(self, status: Status, **more: Any) -> Outcome:

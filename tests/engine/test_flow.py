@@ -236,6 +236,23 @@ def test_a_queue_prefers_jobs_whose_input_a_free_process_has_in_its_memory(folde
     assert popped(queue) == ["clip/step_04", "clip/step_05", "clip/step_06"]
 
 
+def test_a_job_knows_which_processes_have_its_inputs_in_their_memory(folder):
+    """Of a step's total: its difference would be made again, the total before it is kept and would be read again."""
+    job = next(job for job in jobs_of(chain(folder)) if job.task.name == "total/step_04")
+    outcomes = {
+        name: Outcome(
+            name, "", None, "computed", Ref(name, None if kept else Recipe(name, job.task.node, {}, {})), worker=worker
+        )
+        for name, worker, kept in [
+            ("difference/step_04", 5, False),
+            ("total/step_03", 7, True),
+            ("read/step_01", 0, True),
+        ]
+    }
+    assert job.workers(outcomes) == [5]
+    assert job.workers(outcomes, kept=True) == [7]
+
+
 def test_a_queue_looks_ahead_so_far(folder, monkeypatch):
     monkeypatch.setattr(job_queue, "_AHEAD", 3)
     queue = JobQueue(iter(jobs_of(clipped(folder, 1.0))), {})

@@ -94,10 +94,11 @@ def test_a_preferred_worker_is_taken_if_it_is_free(tmp_path):
         workers.start()
         both = set(workers.map(process_that_meets, [tmp_path, tmp_path]))
         first, second = sorted(both)
-        assert [workers.call(os.getpid, preferred=second) for _ in range(3)] == [second] * 3
-        assert [workers.call(os.getpid, preferred=first) for _ in range(3)] == [first] * 3
+        assert [workers.call(os.getpid, preferred=[second]) for _ in range(3)] == [second] * 3
+        assert [workers.call(os.getpid, preferred=[first]) for _ in range(3)] == [first] * 3
         assert {workers.call(os.getpid) for _ in range(2)} == both, "the one that has waited longest comes first"
-        assert workers.call(os.getpid, preferred=-1) in both
+        assert [workers.call(os.getpid, preferred=[-1, one, second]) for one in (first, second)] == [first, second]
+        assert workers.call(os.getpid, preferred=[-1]) in both
 
 
 def test_workers_end_with_the_context_and_start_when_they_are_needed(ours):

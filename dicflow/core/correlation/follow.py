@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 
 from dicflow.core.arrays import Array, Codes, Index, Iterations, Mask, all_finite
-from dicflow.core.correlation.lattice_sums import LatticeSums
 from dicflow.core.correlation.neighbours import (
     Prediction,
     disagreeing,
@@ -24,8 +23,7 @@ from dicflow.core.correlation.neighbours import (
     mean_of_neighbours,
     predicted_by_neighbours,
 )
-from dicflow.core.correlation.subsets import Correlated, Subset, correlate, sums_of_subsets
-from dicflow.core.correlation.template import Template
+from dicflow.core.correlation.subsets import Correlated, OwnSubsets, Subset, correlate
 from dicflow.core.correlation.warp import TERMS, recentred
 from dicflow.core.nearest import nearest
 from dicflow.core.parts import Parts, are_apart, single_part
@@ -68,7 +66,7 @@ def sigma_by_residual(field: Field, at: tuple[Index, ...]) -> Array:
 
 
 def correlate_field(
-    reference: Template,
+    reference: OwnSubsets,
     target: Spline,
     grid: Array,
     starts: Array,
@@ -80,17 +78,16 @@ def correlate_field(
 ) -> Field:
     """Find a grid of subsets in the target.
 
+    reference : the subsets of the reference photograph
     grid : (rows, cols, 2) — centres, whole pixels of the reference photograph; NaN outside the region
     starts : (rows, cols, 2, 3) — affine warps to start from, right to a few pixels; NaN where unknown
     max_znssd : a subset that fits worse is not found and gets the status LOW_CORRELATION
-
     parts : of the grid; a point starts from neighbours of its own part only. None for a single part
 
     Points with neither a start nor a neighbour that was found stay UNTRACKED.
     """
     search = _FieldSearch(
         reference,
-        sums_of_subsets(reference, grid, subset, threads),
         target,
         grid,
         single_part(grid) if parts is None else parts,
@@ -118,8 +115,7 @@ class _FieldSearch:
     contraction : estimate from ``ratios`` for the next points, 1 until there are enough
     """
 
-    reference: Template
-    sums: LatticeSums
+    reference: OwnSubsets
     target: Spline
     grid: Array
     parts: Parts
@@ -161,14 +157,14 @@ class _FieldSearch:
         known = all_finite(starts, 2)
         rows, cols = points[known].T
         found = correlate(
-            self.reference,
+            self.reference.template,
             self.target,
             self.grid[rows, cols],
             starts[known],
             self.subset,
             self.threads,
             self.contraction,
-            self.sums,
+            self.reference.sums,
         )
         self.ratios.append(found.contraction[np.isfinite(found.contraction)])
         self.tries[rows, cols] += 1

@@ -34,7 +34,7 @@ from dicflow.core.correlation.search import (
     correlate_points,
     find_points,
     judge,
-    own_template,
+    own_subsets,
     target_spline,
 )
 from dicflow.core.correlation.seed import Pairs, seed_warps
@@ -95,7 +95,7 @@ def search_directly(
     previous = next((photograph for photograph in references if _shows_motion(photograph)), previous)
     with_target = partial(target_spline, image, search)
     with_starts = partial(_starting_warps, references, image.grey, matches, search)
-    starts, target, own = at_once(search.threads, with_starts, with_target, partial(own_template, first, search))
+    starts, target, own = at_once(search.threads, with_starts, with_target, partial(own_subsets, first, search))
     return DirectSearch(previous, target, starts, correlate_points(first, target, starts, search, own))
 
 

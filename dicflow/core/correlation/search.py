@@ -22,7 +22,7 @@ from dicflow.core.correlation.points import (
     ReferencePhotograph,
     cropped,
 )
-from dicflow.core.correlation.subsets import Subset, describe, sums_of_subsets
+from dicflow.core.correlation.subsets import OwnSubsets, Subset, describe, with_sums
 from dicflow.core.correlation.template import Template, template, with_usable
 from dicflow.core.correlation.warp import gradient, identity, warp_from_gradient
 from dicflow.core.parts import Parts, single_part
@@ -43,7 +43,7 @@ __all__ = [
     "first_photograph",
     "judge",
     "noise_of_residual",
-    "own_template",
+    "own_subsets",
     "points_in_first_photograph",
     "target_spline",
     "without_mixed_rim",
@@ -114,7 +114,7 @@ def points_in_first_photograph(first: ReferencePhotograph, search: Search) -> Fo
     """
     itself, inside = target_spline(first.image, search), all_finite(first.points)
     own, centres = template(itself, first.region, search.threads), first.points - first.origin
-    sums = sums_of_subsets(own, centres, search.subset, search.threads)
+    _, sums = _subsets(own, centres, search)
     found = describe(own, itself.measured, centres[inside], search.subset, search.threads, sums)
     status = np.full(inside.shape, Status.OUTSIDE, dtype=np.uint8)
     znssd, covariance = np.full(inside.shape, np.nan), np.full((*inside.shape, 3), np.nan)
@@ -181,27 +181,31 @@ def find_points(
     return judge(reference, correlate_points(reference, target, starts, search), search, route, usual)
 
 
-def own_template(reference: ReferencePhotograph, search: Search) -> Template:
-    """The template of a reference photograph."""
-    return _template(reference, _smoothed(reference.image.grey, search), search)
+def own_subsets(reference: ReferencePhotograph, search: Search) -> OwnSubsets:
+    """The subsets of a reference photograph as sharp as it is."""
+    own = _template(reference, _smoothed(reference.image.grey, search), search)
+    return _subsets(own, np.rint(reference.points) - reference.origin, search)
 
 
 def correlate_points(
-    reference: ReferencePhotograph, target: Spline, starts: Array, search: Search, own: Template | None = None
+    reference: ReferencePhotograph, target: Spline, starts: Array, search: Search, own: OwnSubsets | None = None
 ) -> CorrelatedField:
     """Correlate the subsets around the whole pixels next to the points of a reference photograph.
 
     starts : (rows, cols, 2, 3) — from the first photograph to the target
-    own : the :func:`own_template` of the reference photograph; None if it is not made yet
+    own : the subsets of the reference photograph; None if they are not made yet
     """
-    own = own_template(reference, search) if own is None else own
+    own = own_subsets(reference, search) if own is None else own
     centres, places, warps = _centres_and_warps(reference, starts)
     known = all_finite(warps, 2) & all_finite(places)
     image, target, damping = equally_sharp(
-        own.grey, reference.region, target, places[known], warps[known], search.smoothing_px
+        own.template.grey, reference.region, target, places[known], warps[known], search.smoothing_px
     )
-    sharp = without_mixed_rim(own if image is own.grey else _template(reference, image, search), damping.mixing)
-    field = _correlated(sharp, target, places, warps, search)
+    if image is not own.template.grey:
+        own = _subsets(_template(reference, image, search), places, search)
+    own = own._replace(template=without_mixed_rim(own.template, damping.mixing))
+    field = _correlated(own, target, places, warps, search)
+    sharp = own.template
     return CorrelatedField(sharp, target, centres, field, damping, _gain(sharp, target, places, field))
 
 
@@ -210,8 +214,13 @@ def correlate_again(
 ) -> CorrelatedField:
     """The same photographs, as sharp as before, correlated with another shape function or other starts."""
     centres, places, warps = _centres_and_warps(reference, starts)
-    field = _correlated(before.template, before.target, places, warps, search)
+    field = _correlated(_subsets(before.template, places, search), before.target, places, warps, search)
     return before._replace(centres=centres, field=field)
+
+
+def _subsets(own: Template, places: Array, search: Search) -> OwnSubsets:
+    """The subsets of a template around whole pixels (rows, cols, 2)."""
+    return with_sums(own, places, search.subset, search.threads)
 
 
 def _template(reference: ReferencePhotograph, image: Image, search: Search) -> Template:
@@ -248,7 +257,7 @@ def _gain(own: Template, target: Spline, places: Array, field: Field) -> float:
     return float(here / there) if here > 0.0 and there > 0.0 else 1.0
 
 
-def _correlated(own: Template, target: Spline, places: Array, warps: Array, search: Search) -> Field:
+def _correlated(own: OwnSubsets, target: Spline, places: Array, warps: Array, search: Search) -> Field:
     return correlate_field(
         own,
         target,

@@ -48,7 +48,7 @@ from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 from dicflow.core.threads import over
 
-__all__ = ["Correlated", "Subset", "correlate", "describe", "pixel_weights", "residuals", "sums_of_subsets"]
+__all__ = ["Correlated", "OwnSubsets", "Subset", "correlate", "describe", "pixel_weights", "residuals", "with_sums"]
 
 
 _CHUNK = 512
@@ -84,6 +84,13 @@ class Subset(NamedTuple):
 
 
 DEFAULT_SUBSET = Subset()
+
+
+class OwnSubsets(NamedTuple):
+    """The subsets of a reference photograph: its template, and sums over the pixels of whole ones."""
+
+    template: Template
+    sums: LatticeSums
 
 
 class Correlated(NamedTuple):
@@ -127,7 +134,7 @@ def correlate(
     threads : how many share the points; the result does not depend on it
     contraction : expected ratio of the second increment to the first, from similar points; after a good start the
         search then ends without a second one. 1 where it is unknown.
-    sums : result of :func:`sums_of_subsets`, of such subsets
+    sums : of :func:`with_sums`
 
     Raises ValueError for an even subset size, one below 5 px, or starts that do not fit the shape function.
     """
@@ -167,15 +174,15 @@ def describe(
     return found
 
 
-def sums_of_subsets(reference: Template, grid: Array, subset: Subset, threads: int = 1) -> LatticeSums:
-    """Sums over the pixels of whole subsets, for :func:`correlate` and :func:`describe` to share.
+def with_sums(reference: Template, grid: Array, subset: Subset, threads: int = 1) -> OwnSubsets:
+    """The subsets of a reference photograph around whole pixels, ready for searches.
 
     grid : (rows, cols, 2) — centres, whole pixels of the reference photograph; NaN for none
     threads : how many share the work; the result does not depend on it
     """
     images = reference.grey, reference.by_x, reference.by_y
     degree = 1 if subset.shape_function == "affine" else 2
-    return lattice_sums(images, grid, _weights_along_side(subset), degree, threads)
+    return OwnSubsets(reference, lattice_sums(images, grid, _weights_along_side(subset), degree, threads))
 
 
 def residuals(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> Residuals:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from dicflow.core.correlation.follow import correlate_field
-from dicflow.core.correlation.subsets import Subset
+from dicflow.core.correlation.subsets import Subset, with_sums
 from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import apply_warp, gradient
 from dicflow.core.photographs.interpolate import spline
@@ -54,7 +54,7 @@ def follow(motion, places, grid=GRID, usable=None, margin=60, noise=0.0, by=(0.0
     reference, target = photographs(motion, margin, noise)
     starts = seeds(motion, places, margin, by)
     reference = template(spline(reference, 3), usable)
-    return correlate_field(reference, spline(target, 3), grid, starts, subset, threads=threads)
+    return correlate_field(with_sums(reference, grid, subset), spline(target, 3), grid, starts, subset, threads=threads)
 
 
 def error(found, motion, margin=60):
@@ -95,7 +95,9 @@ def test_neighbours_correct_wrong_starts():
     starts = seeds(STRETCHED, everywhere, 60)
     wrong = np.random.default_rng(0).random((ROWS, COLS)) < 0.3
     starts[wrong, :, 0] += [17.0, -23.0]
-    found = correlate_field(template(spline(reference, 3)), spline(target, 3), GRID, starts, SUBSET)
+    found = correlate_field(
+        with_sums(template(spline(reference, 3)), GRID, SUBSET), spline(target, 3), GRID, starts, SUBSET
+    )
     assert (found.status == Status.VALID).all()
     assert error(found, STRETCHED).max() < 2e-3
 
@@ -148,7 +150,9 @@ def test_status_of_subsets_that_fit_badly():
     spot[150:200, 160:230] = True  # paint fell off
     target[spot] = texture(*np.mgrid[0:50, 0:70], 5.0, seed=5).ravel()
     starts = seeds(STRETCHED, [(2, 2)], 60)
-    found = correlate_field(template(spline(reference, 3)), spline(target, 3), GRID, starts, SUBSET, max_znssd=0.3)
+    found = correlate_field(
+        with_sums(template(spline(reference, 3)), GRID, SUBSET), spline(target, 3), GRID, starts, SUBSET, max_znssd=0.3
+    )
     col, row = np.moveaxis((STRETCHED(GRID)[0] + 60).astype(int), -1, 0)
     hidden, clear = spot[row, col], ~spot[row, col]
     bad = found.status != Status.VALID

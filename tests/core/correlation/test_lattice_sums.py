@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dicflow.core.correlation.lattice_sums import NO_SUMS, lattice_sums
-from dicflow.core.correlation.subsets import Subset, correlate, describe, sums_of_subsets
+from dicflow.core.correlation.subsets import Subset, correlate, describe, with_sums
 from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import spline
@@ -113,7 +113,7 @@ def test_subsets_are_found_with_the_sums_as_without(shape_function, gaussian):
     region[:, 100:104] = False
     reference, target = template(spline(photograph()), region), spline(photograph(0.4))
     subset, grid = Subset(31, shape_function, gaussian, tolerance_px=1e-6), lattice()
-    sums = sums_of_subsets(reference, grid, subset)
+    _, sums = with_sums(reference, grid, subset)
     assert sums is not NO_SUMS
     centres = np.concatenate([grid.reshape(-1, 2), (grid + np.array([3.0, 0.0])).reshape(-1, 2)])
     start = identity(centres, shape_function)
@@ -133,7 +133,7 @@ def test_subsets_are_found_with_the_sums_as_without(shape_function, gaussian):
 def test_the_sums_are_what_subsets_are_found_by():
     """Twice as large ones give half the covariance."""
     reference, subset, grid = template(spline(photograph())), Subset(31), lattice()
-    sums = sums_of_subsets(reference, grid, subset)
+    _, sums = with_sums(reference, grid, subset)
     centres = grid[5:8, 5:8].reshape(-1, 2)
     right, wrong = (
         describe(reference, None, centres, subset, sums=one).covariance
