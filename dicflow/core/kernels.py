@@ -35,7 +35,8 @@ of which a process takes the one that it loads first: results would depend in th
 has loaded or compiled. An entrance from Python would take a sixth of the time of compiling.
 
 It counts no references, as its caller holds all arrays: two for every array at each call took a quarter of the search
-for a subset, since threads wait for each other's. So it can neither make an array nor return one.
+for a subset, since threads wait for each other's. So it must not return an array, which its caller would give up, nor
+a tuple with one; one that makes an array does not compile.
 """
 MAKER = {**INNER, "_nrt": True}
 """Options of an inner function that makes arrays, or returns one."""

@@ -219,7 +219,7 @@ class _Flow:
         if job.task.node.is_quick and not processes.are_ready:
             self._prepare()
             return _here
-        near = [*job.workers(self._outcomes), *job.workers(self._outcomes, kept=True)]
+        near = [*job.workers_before(self._outcomes), *job.workers(self._outcomes)]
         return partial(self._call, preferred=near)
 
     def _prepare(self) -> None:

@@ -62,7 +62,7 @@ class Outcome:
         and storing
     cpu_s, stage_cpu_s : processor time of all of it, and of the stage with the reading of its inputs [s]
     peak_bytes : most memory that its process held while it ran
-    worker : id of the process that has the product in its memory, for a while
+    worker : id of the process that did it; one that computed has the product in its memory, for a while
     damaged : failed because an input's object turned out damaged; another run repairs it
     warning : of a hit that other code has made
     warnings : of the product
@@ -126,14 +126,17 @@ class Job:
         """The outcomes among those given that :func:`perform` takes."""
         return [outcomes[name] for name in self.awaited() if name in outcomes]
 
-    def workers(self, outcomes: Mapping[str, Outcome], kept: bool = False) -> list[int]:
-        """Ids of the processes that have inputs in their memory that others would make again, that of most first.
-
-        kept : of those, instead, that have inputs in their memory that others would read
-        """
-        made = [(outcome.worker, outcome.ref) for outcome in self.known_inputs(outcomes) if outcome.worker]
-        near = Counter(worker for worker, ref in made if ref is not None and (ref.recipe is None) == kept)
+    def workers(self, outcomes: Mapping[str, Outcome]) -> list[int]:
+        """Ids of the processes that have inputs in their memory that others would make again, that of most first."""
+        made = [outcome for outcome in self.known_inputs(outcomes) if outcome.worker]
+        near = Counter(outcome.worker for outcome in made if outcome.ref is not None and outcome.ref.recipe is not None)
         return [worker for worker, _ in near.most_common()]
+
+    def workers_before(self, outcomes: Mapping[str, Outcome]) -> list[int]:
+        """Ids of the processes that computed the stage's own products of earlier steps, which others would read."""
+        own = {self.task.inputs[port] for port, declared in self.task.node.takes.items() if declared.own}
+        made = (outcome for outcome in self.known_inputs(outcomes) if outcome.status == "computed")
+        return [outcome.worker for outcome in made if outcome.worker and outcome.name in own]
 
     def outcome(self, status: Status, **more: Any) -> Outcome:
         """An outcome of this task."""

@@ -237,7 +237,7 @@ def test_a_queue_prefers_jobs_whose_input_a_free_process_has_in_its_memory(folde
 
 
 def test_a_job_knows_which_processes_have_its_inputs_in_their_memory(folder):
-    """Of a step's total: its difference would be made again, the total before it is kept and would be read again."""
+    """Of a step's total: its difference would be made again, and the total before it would be read."""
     job = next(job for job in jobs_of(chain(folder)) if job.task.name == "total/step_04")
     outcomes = {
         name: Outcome(
@@ -250,7 +250,7 @@ def test_a_job_knows_which_processes_have_its_inputs_in_their_memory(folder):
         ]
     }
     assert job.workers(outcomes) == [5]
-    assert job.workers(outcomes, kept=True) == [7]
+    assert job.workers_before(outcomes) == [7]
 
 
 def test_a_queue_looks_ahead_so_far(folder, monkeypatch):

@@ -9,6 +9,7 @@ from numba import njit
 
 from dicflow.core.arrays import Array, Image
 from dicflow.core.cholesky import factorise, solve
+from dicflow.core.correlation.lattice_sums import LatticeSums
 from dicflow.core.correlation.residuals import Residuals, set_residuals
 from dicflow.core.correlation.sampling import Places, copy_patch, locate_pixels, sample_runs, sample_scattered
 from dicflow.core.correlation.subset_sums import (
@@ -72,17 +73,16 @@ class NormalEquations(NamedTuple):
 
 
 @njit(error_model="numpy", **INNER)
-def prepare(p: Pixels, n: int, ones_like_f: Image, known: tuple[Image, int], normal: NormalEquations) -> bool:
+def prepare(p: Pixels, n: int, ones_like_f: Image, known: tuple[LatticeSums, int], normal: NormalEquations) -> bool:
     """Set up the normal equations; False where the subset has too little texture to solve them.
 
-    known : sums of whole subsets as :class:`dicflow.core.correlation.lattice_sums.LatticeSums` has them, and the index
-        of those of this one; -1 for none
+    known : sums of whole subsets, and the index of those of this one; -1 for none
     """
     centre_grey(p, n, normal.statistics)
     if not normal.statistics[2] > 0.0:
         return False
     if known[1] >= 0:
-        _read_sums(known[0][known[1]], normal)
+        _read_sums(known[0].values[known[1]], known[0].level, normal)
     else:
         normal_matrix(p, n, normal.moments, normal.hessian)
         slope_sums(p, ones_like_f, n, normal.moments, normal.slope_sums)
@@ -92,13 +92,13 @@ def prepare(p: Pixels, n: int, ones_like_f: Image, known: tuple[Image, int], nor
 
 
 @njit(error_model="numpy", **INNER)
-def _read_sums(known: Image, normal: NormalEquations) -> None:
-    """Set the sums over a whole subset from known ones, in which f has its mean still."""
+def _read_sums(known: Image, level: float, normal: NormalEquations) -> None:
+    """Set the sums over a whole subset from known ones (sums,), in which f lacks a level in the place of its mean."""
     size = len(normal.increment)
     products, at = 6 if size == 6 else 15, 2 * size
     for i in range(size):
         normal.slope_sums[i] = known[i]
-        normal.slope_grey_sums[i] = known[size + i] - normal.statistics[0] * known[i]
+        normal.slope_grey_sums[i] = known[size + i] - (normal.statistics[0] - level) * known[i]
     for a in range(2):
         for b in range(a, 2):
             for k in range(products):

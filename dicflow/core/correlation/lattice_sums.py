@@ -2,7 +2,7 @@
 
 Squares of neighbouring points share most of their pixels, and a monomial of the offsets is a power along the row times
 one along the column. So the pixels of a row are summed for all squares that it crosses, and these sums then along the
-columns, in the place of all pixels for each square.
+columns, instead of all pixels of each square.
 """
 
 from __future__ import annotations
@@ -17,15 +17,17 @@ from dicflow.core.kernels import INNER, KERNEL
 from dicflow.core.photographs.interpolate import FAST_MATH
 from dicflow.core.threads import over
 
-__all__ = ["NO_SUMS", "LatticeSums", "index_of_sums", "lattice_sums"]
+__all__ = ["NO_SUMS", "LatticeSums", "index_of_sums", "lattice_sums", "sum_count"]
 
 _SIDE_PER_STEP, _STEPS_FOR_COLUMNS = 2.2, 1.6
 """Sums over a full lattice take as long as those over each square alone where a square's side is so many times the
 step of the lattice, longer by the steps that stand for the sums along columns."""
 _MOST_VALUES = 2**25
-"""More would take too much memory."""
+"""More would take too much memory: these are 134 MB."""
 _SLOPES, _SQUARES = 4, 3
 """Products that are summed: fx, fy, fx f, fy f, and fx², fx fy, fy²."""
+_EVERY = 8
+"""Of so many rows and columns one gives the mean grey level."""
 _AT_ONCE = 4
 """Rows or columns that are added at once: to load and store a sum takes longer than to add to it."""
 
@@ -33,19 +35,24 @@ _AT_ONCE = 4
 class LatticeSums(NamedTuple):
     """Sums over squares of pixels around the points of a lattice.
 
-    values : (rows * cols, sums) float32 — Σ w a m, for a = fx, fy, fx f, fy f with the monomials m of a warp, then for
-        a = fx², fx fy, fy² with those up to twice its degree; those of lower degree come first
+    values : (rows · cols, sums) float32 — Σ w a m, for a = fx, fy, fx f', fy f' with the monomials m = 1, ξ, η, ξ², …
+        of a warp in offsets of half sides, then for a = fx², fx fy, fy² with those up to twice its degree
+    level : f' = f − level [grey levels]: that is small against f where contrast is low, so that rounding is
+    weight : (size,) — of a pixel by its place along either side of a square
+    shape : (rows, cols) of the lattice
     left, top : of the first point [px]; step : from a point to the next [px]
     """
 
     values: Image
+    level: float
+    weight: Array
     shape: tuple[int, int]
     left: int
     top: int
     step: int
 
 
-NO_SUMS = LatticeSums(np.zeros((0, 0), dtype=np.float32), (0, 0), 0, 0, 1)
+NO_SUMS = LatticeSums(np.zeros((0, 0), dtype=np.float32), 0.0, np.zeros(0), (0, 0), 0, 0, 1)
 """Of no square."""
 
 
@@ -65,18 +72,24 @@ def lattice_sums(
     if found is None:
         return NO_SUMS
     x, y, step = found
-    points, count = len(y) * len(x), _SLOPES * _monomials(degree) + _SQUARES * _monomials(2 * degree)
+    points, count = len(y) * len(x), sum_count(degree)
     is_worth_it = points * _SIDE_PER_STEP * (step + _STEPS_FOR_COLUMNS) < len(weight) * known.sum()
     if not is_worth_it or points * count > _MOST_VALUES:
         return NO_SUMS
     values, powers = np.empty((len(y), len(x), count), dtype=np.float32), _powers(weight, degree)
+    level = float(images[0][::_EVERY, ::_EVERY].mean())
 
     def fill(rows: Index) -> None:
         corner = int(y[rows[0]]) - half, int(x[0]) - half
-        _set_sums(images, corner, step, powers, values[rows[0] : rows[-1] + 1])
+        _set_sums(images, level, corner, step, powers, values[rows[0] : rows[-1] + 1])
 
     over(threads, fill, np.array_split(np.arange(len(y)), min(threads, len(y))))
-    return LatticeSums(values.reshape(-1, count), values.shape[:2], int(x[0]), int(y[0]), step)
+    return LatticeSums(values.reshape(-1, count), level, weight, values.shape[:2], int(x[0]), int(y[0]), step)
+
+
+def sum_count(degree: int) -> int:
+    """How many sums a square has, for a warp of a degree."""
+    return _SLOPES * _monomials(degree) + _SQUARES * _monomials(2 * degree)
 
 
 def _powers(weight: Array, degree: int) -> Image:
@@ -124,11 +137,13 @@ def index_of_sums(sums: LatticeSums, row: int, col: int) -> int:
 
 @njit(fastmath=FAST_MATH, error_model="numpy", **KERNEL)
 def _set_sums(
-    images: tuple[Image, Image, Image], corner: tuple[int, int], step: int, powers: Image, values: Image
+    images: tuple[Image, Image, Image], level: float, corner: tuple[int, int], step: int, powers: Image, values: Image
 ) -> None:
     """Set the sums (rows, cols, sums) of squares, the first of which has its corner at a pixel (row, col).
 
-    powers : (2 degree + 1, size) — of offsets along a side, times the weight
+    images, level : f, fx, fy (height, width) and what is subtracted from f [grey levels]
+    step : from a square to the next [px]
+    powers : (2 degree + 1, size) — of offsets along a side, times the weight; with zeros, up to a multiple of _AT_ONCE
 
     The sums along rows are kept for as many rows as a square has.
     """
@@ -140,7 +155,7 @@ def _set_sums(
     for i in range(rows):
         top = i * step
         for y in range(max(done, top), min(top + size, height)):
-            _set_products(images, corner[0] + y, corner[1], products)
+            _set_products(images, np.float32(level), (corner[0] + y, corner[1]), products)
             _sum_along_row(products, powers, of_rows[y % size])
         done = top + size
         total[:] = np.float32(0)
@@ -152,15 +167,20 @@ def _set_sums(
 
 
 @njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
-def _set_products(images: tuple[Image, Image, Image], row: int, left: int, products: Image) -> None:
-    """Set the products at the pixels of a row (product, phase, n), those that are a step apart side by side."""
+def _set_products(
+    images: tuple[Image, Image, Image], level: np.float32, first: tuple[int, int], products: Image
+) -> None:
+    """Set the products at the pixels of a row (product, phase, n), those that are a step apart side by side.
+
+    first : its number, and the first of the pixels
+    """
+    (row, left), step, count = first, products.shape[1], products.shape[2]
     f, fx, fy = images[0][row], images[1][row], images[2][row]
-    step, count = products.shape[1], products.shape[2]
     for phase in range(step):
         for n in range(min(count, (len(f) - left - phase + step - 1) // step)):
             at = left + n * step + phase
             products[0, phase, n], products[1, phase, n] = fx[at], fy[at]
-            products[2, phase, n], products[3, phase, n] = fx[at] * f[at], fy[at] * f[at]
+            products[2, phase, n], products[3, phase, n] = fx[at] * (f[at] - level), fy[at] * (f[at] - level)
             products[4, phase, n], products[5, phase, n] = fx[at] * fx[at], fx[at] * fy[at]
             products[6, phase, n] = fy[at] * fy[at]
 
@@ -187,7 +207,10 @@ def _sum_along_row(products: Image, powers: Image, sums: Image) -> None:
 
 @njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def _add_rows(of_rows: Image, top: int, k: int, powers: Image, total: Image) -> None:
-    """Add the sums along the k-th to (k + 3)-th rows of squares to those of all pixels (sum, square)."""
+    """Add the sums along the k-th to (k + 3)-th rows of squares to those of all pixels (sum, square).
+
+    of_rows : (row modulo its length, product and power, square); top : the squares' first row
+    """
     degree, size, at, out = len(powers) // 2, len(of_rows), 0, 0
     a, b = of_rows[(top + k) % size], of_rows[(top + k + 1) % size]
     c, d = of_rows[(top + k + 2) % size], of_rows[(top + k + 3) % size]

@@ -26,7 +26,7 @@ from dicflow.core.correlation.gauss_newton import (
     mean_square_slope,
     prepare,
 )
-from dicflow.core.correlation.lattice_sums import NO_SUMS, LatticeSums, index_of_sums, lattice_sums
+from dicflow.core.correlation.lattice_sums import NO_SUMS, LatticeSums, index_of_sums, lattice_sums, sum_count
 from dicflow.core.correlation.residuals import Residuals, new_residuals
 from dicflow.core.correlation.subset_sums import Pixels
 from dicflow.core.correlation.template import (
@@ -134,11 +134,11 @@ def correlate(
     threads : how many share the points; the result does not depend on it
     contraction : expected ratio of the second increment to the first, from similar points; after a good start the
         search then ends without a second one. 1 where it is unknown.
-    sums : of :func:`with_sums`
+    sums : of :func:`with_sums`, of the same template and subsets
 
-    Raises ValueError for an even subset size, one below 5 px, or starts that do not fit the shape function.
+    Raises ValueError for an even subset size, one below 5 px, and starts or sums that do not fit the subsets.
     """
-    _check_size(subset)
+    _check(subset, sums)
     needed = (len(centres), 2, TERMS[subset.shape_function])
     if start.shape != needed:
         raise ValueError(
@@ -163,9 +163,9 @@ def describe(
     measured : (rows, cols) bool — pixels of the photograph that are measured; None for all
     centres, threads, sums : as there
 
-    Raises ValueError for an even subset size, or one below 5 px.
+    Raises ValueError for an even subset size, one below 5 px, and sums that do not fit the subsets.
     """
-    _check_size(subset)
+    _check(subset, sums)
     start = identity(centres, subset.shape_function)  # type: ignore[arg-type]
     found, target = _unsearched(start, Status.VALID), (_NO_COEFFICIENTS, kernel_mask(measured))
     control = _control(subset, 0, 1.0)
@@ -181,8 +181,7 @@ def with_sums(reference: Template, grid: Array, subset: Subset, threads: int = 1
     threads : how many share the work; the result does not depend on it
     """
     images = reference.grey, reference.by_x, reference.by_y
-    degree = 1 if subset.shape_function == "affine" else 2
-    return OwnSubsets(reference, lattice_sums(images, grid, _weights_along_side(subset), degree, threads))
+    return OwnSubsets(reference, lattice_sums(images, grid, _weights_along_side(subset), _degree(subset), threads))
 
 
 def residuals(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> Residuals:
@@ -218,9 +217,17 @@ def _complete(
     over(threads, correlate_chunk, (slice(first, first + _CHUNK) for first in range(0, len(centres), _CHUNK)))
 
 
-def _check_size(subset: Subset) -> None:
+def _check(subset: Subset, sums: LatticeSums) -> None:
     if subset.size % 2 == 0 or subset.size < 5:
         raise ValueError(f"a subset's side must be an odd number of at least 5 px, got {subset.size}")
+    count, weight = sum_count(_degree(subset)), _weights_along_side(subset)
+    if len(sums.values) and not (sums.values.shape[1] == count and np.array_equal(sums.weight, weight)):
+        raise ValueError("the sums are those of subsets of another size, weight or shape function")
+
+
+def _degree(subset: Subset) -> int:
+    """Of the shape function."""
+    return 1 if subset.shape_function == "affine" else 2
 
 
 def _control(subset: Subset, degree: int, contraction: float) -> Control:
@@ -257,7 +264,7 @@ def pixel_weights(subset: Subset) -> Image:
 
 
 def _weights_along_side(subset: Subset) -> Array:
-    """The weight of each pixel is the product of these (size,), of its column and of its row."""
+    """Weights (size,) along one side; that of a pixel is the product of its column's and its row's."""
     if subset.gaussian <= 0.0:
         return np.ones(subset.size)
     offset = np.arange(subset.size) - subset.size // 2
@@ -277,7 +284,7 @@ def _correlate(
 ) -> None:
     """The loop of :func:`correlate`, :func:`describe` and :func:`residuals` over points, which share a working space.
 
-    reference : its template, and the sums of such subsets
+    reference : template of the reference photograph, and sums over its whole subsets
     target : coefficients of its spline, and its measured pixels (rows, cols); an empty mask if all are
     found : subsets that are VALID already are not searched for, they lie where they start
     rest : set instead of anything else, where it has room
@@ -299,7 +306,7 @@ def _correlate(
             if n == 0:
                 break
             at = index_of_sums(sums, row, col) if n == weight.size else -1
-            if not is_compared and not prepare(p, n, work.ones_like_f, (sums.values, at), normal):
+            if not is_compared and not prepare(p, n, work.ones_like_f, (sums, at), normal):
                 found.status[k] = _LOW_TEXTURE
                 break
             if is_compared or not is_found:

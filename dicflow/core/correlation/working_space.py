@@ -21,7 +21,8 @@ class Work(NamedTuple):
     """Working space: the pixels of a subset, and what is made of them.
 
     ones_like_f : (pixel,) float32; marks : (size, size) uint8; warp : (2, 6)
-    collected : (1,) — number of the pixels; a whole subset's lie in their order
+    collected : (1,) — number of the pixels: all of a square where offsets and weights are those of a whole subset, 0
+        where too few were found
     """
 
     pixels: Pixels

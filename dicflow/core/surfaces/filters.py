@@ -273,7 +273,7 @@ def _of_whole_window(window: tuple[int, int], degree: int, kernel: Kernel) -> Ar
 def _multiply(of_whole: Array, moments: Array, coefficients: Array) -> None:
     """The coefficients (3, k, col) of windows along a row as if these were whole; of degree 0 only the first are set.
 
-    moments : (k, n, col)
+    of_whole : (n, n) — weights of the moments; moments : (k, n, col)
     """
     planes, n, cols = moments.shape
     for i in range(min(n, 3)):
@@ -322,7 +322,7 @@ def _solve_all(
     solved, leverage = np.full((3, rows, cols, planes), np.nan), np.full((rows, cols), np.nan)
     of_row, matrix, side = np.zeros((3, planes, cols)), np.empty((n, n)), np.zeros((max(n, 3), planes + 1))
     for row in range(rows):
-        if np.isfinite(whole):
+        if count[row].max() > whole - 0.5:
             _multiply(of_whole, right[:, :, row], of_row)
         for col in range(cols):
             if count[row, col] < needed - 0.5:

@@ -8,6 +8,7 @@ from dicflow.core.correlation.subsets import Subset, correlate, describe, with_s
 from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import spline
+from dicflow.core.status import Status
 from tests.scenes import texture
 
 HEIGHT, WIDTH = 140, 171
@@ -32,11 +33,12 @@ def monomials(degree, xi, eta):
     return [xi ** (both - down) * eta**down for both in range(degree + 1) for down in range(both + 1)]
 
 
-def sums_of_one(centre, weight, degree):
+def sums_of_one(centre, weight, degree, level):
     """The sums over the square around a pixel, from their definition."""
     half, (x, y) = len(weight) // 2, (int(place) for place in centre)
     square = np.s_[y - half : y + half + 1, x - half : x + half + 1]
     f, fx, fy = (image[square].astype(float) for image in images())
+    f -= level
     eta, xi = np.mgrid[-half : half + 1, -half : half + 1] / half
     both = np.outer(weight, weight)
     slopes = [(both * a * m).sum() for a in (fx, fy, fx * f, fy * f) for m in monomials(degree, xi, eta)]
@@ -56,7 +58,7 @@ def test_the_sums_are_those_of_each_square(degree, size, gaussian, step):
     assert found.shape == grid.shape[:2]
     assert (found.left, found.top, found.step) == (half + 1, half + 2, step)
     for row, col in [(0, 0), (-1, -1), (1, 2), (len(grid) // 2, -2)]:
-        expected = np.array(sums_of_one(grid[row, col], weight, degree))
+        expected = np.array(sums_of_one(grid[row, col], weight, degree, found.level))
         values = found.values.reshape(*grid.shape[:2], -1)[row, col]
         np.testing.assert_allclose(values, expected, rtol=1e-4, atol=1e-6 * np.abs(expected).max())
 
@@ -140,3 +142,24 @@ def test_the_sums_are_what_subsets_are_found_by():
         for one in (sums, sums._replace(values=2.0 * sums.values))
     )
     np.testing.assert_allclose(wrong[:, [0, 2]], 0.5 * right[:, [0, 2]], rtol=0.2)
+
+
+@pytest.mark.parametrize("other", [Subset(31, "quadratic"), Subset(33), Subset(31, gaussian=7.0)])
+def test_sums_of_other_subsets_are_refused(other):
+    reference, grid = template(spline(photograph())), lattice()
+    _, sums = with_sums(reference, grid, Subset(31))
+    with pytest.raises(ValueError, match="another size, weight or shape function"):
+        describe(reference, None, grid[5:6, 5], other, sums=sums)
+
+
+@pytest.mark.parametrize(("level", "contrast"), [(240.0, 0.05), (60_000.0, 2.0)])
+def test_low_contrast_costs_no_digits(level, contrast):
+    """Places by sums over the lattice and over each subset, of a pattern that is faint on a bright ground."""
+    first, second = (spline((level + contrast * (photograph(by) - 128.0)).astype(np.float32)) for by in (0.0, 0.4))
+    reference, grid, subset = template(first), lattice()[3:14, 3:18], Subset(31, tolerance_px=1e-5)
+    centres = grid.reshape(-1, 2)
+    _, sums = with_sums(reference, grid, subset)
+    start = identity(centres)
+    alone, shared = (correlate(reference, second, centres, start, subset, sums=one) for one in (NO_SUMS, sums))
+    assert (alone.status == Status.VALID).all()
+    np.testing.assert_allclose(shared.warp[..., 0], alone.warp[..., 0], atol=2e-5)
