@@ -1,4 +1,4 @@
-"""Types of arrays by what they hold; docstrings of functions give shapes, units and frames."""
+"""Types of arrays by what they hold, and which elements are finite; docstrings give shapes, units and frames."""
 
 from __future__ import annotations
 

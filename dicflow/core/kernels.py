@@ -26,7 +26,9 @@ def _load_without_scipy() -> None:
 _load_without_scipy()
 
 KERNEL = {"cache": True, "nogil": True, "no_cfunc_wrapper": True, "_nrt": True}
-"""Options of a function that Python calls: it is kept, other threads go on meanwhile, and it has no entrance from C."""
+"""Options of a function that Python calls: it is kept, other threads go on meanwhile, and it has no entrance from C.
+
+Whether it counts references is said in so many words, since numba lets a function inherit that from its caller."""
 INNER = {"nogil": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": True, "forceinline": True, "_nrt": False}
 """Options of a function that only kernels call: no file of its own is kept, and it has no entrance of its own.
 

@@ -128,7 +128,7 @@ class Job:
 
     def workers(self, outcomes: Mapping[str, Outcome]) -> list[int]:
         """Ids of the processes that have inputs in their memory that others would make again, that of most first."""
-        made = [outcome for outcome in self.known_inputs(outcomes) if outcome.worker]
+        made = (outcome for outcome in self.known_inputs(outcomes) if outcome.worker)
         near = Counter(outcome.worker for outcome in made if outcome.ref is not None and outcome.ref.recipe is not None)
         return [worker for worker, _ in near.most_common()]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import pkgutil
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -44,17 +45,31 @@ def test_python_does_not_call_what_has_no_entrance():
         assert not seen & _called_by_python(tree), path
 
 
+def test_what_counts_no_references_returns_no_array():
+    """Its caller would give up an array that it does not hold. The other names are tuples of numbers."""
+    numbers = {"None", "bool", "int", "float", "tuple", "np", "float32", "Weights", "Window", "Sums"}
+    package, seen = Path(dicflow.__file__).parent, 0
+    for path in package.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef) and _has_options(node, "INNER"):
+                seen += 1
+                assert set(re.findall(r"\w+", ast.unparse(node.returns))) <= numbers, f"{path}: {node.name}"
+    assert seen > 80
+
+
 def test_a_call_by_python_is_seen():
     tree = ast.parse("""
 @njit(error_model="numpy", **INNER)
 def inner(): ...
+@njit(**MAKER)
+def maker(): ...
 @njit(**KERNEL)
-def kernel(): inner()
+def kernel(): inner(), maker()
 def outer(): kernel()
 class One:
     def of_class(self): return [inner() for _ in "ab"]
 """)
-    assert _inner_functions(tree) == {"inner"}
+    assert _inner_functions(tree) == {"inner", "maker"}
     assert _called_by_python(tree) & {"inner", "kernel"} == {"inner", "kernel"}
 
 
@@ -69,7 +84,11 @@ def _is_compiled(node: ast.AST) -> bool:
 def _inner_functions(tree: ast.Module) -> set[str]:
     """Functions of a module without an entrance from Python."""
     functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
-    return {node.name for node in functions if any("INNER" in ast.unparse(part) for part in node.decorator_list)}
+    return {node.name for node in functions if _has_options(node, "INNER") or _has_options(node, "MAKER")}
+
+
+def _has_options(node: ast.FunctionDef, name: str) -> bool:
+    return any(name in ast.unparse(part) for part in node.decorator_list)
 
 
 def _imported(tree: ast.Module, inner: dict[str, set[str]]) -> set[str]:

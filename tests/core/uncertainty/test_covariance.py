@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from dicflow.core.cameras.frames import axes_frame
-from dicflow.core.tensors import symmetric, upper_triangle
+from dicflow.core.tensors import product, symmetric, upper_triangle
 from dicflow.core.uncertainty.covariance import (
     MeasuredPoints,
     derivative,
@@ -29,6 +29,12 @@ def test_triangles_and_matrices():
     matrices = definite(6)
     assert upper_triangle(matrices).shape == (4, 21)
     assert np.array_equal(symmetric(upper_triangle(matrices)), np.maximum(matrices, np.swapaxes(matrices, -1, -2)))
+
+
+@pytest.mark.parametrize("columns", [1, 2, 5])
+def test_products_are_those_of_matrices(columns):
+    first, second = RNG.normal(size=(4, 1, 2, 2)), RNG.normal(size=(3, 2, columns))
+    np.testing.assert_allclose(product(first, second), first @ second, rtol=1e-12, atol=1e-12)
 
 
 def test_displacement_sees_only_the_difference_of_the_template_shares():
