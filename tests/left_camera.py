@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dicflow.core.correlation.judgement import find_points
 from dicflow.core.correlation.points import VIA_REFERENCE_STEP, ReferencePhotograph
-from dicflow.core.correlation.search import Search, find_points
+from dicflow.core.correlation.search import Search
 from dicflow.core.correlation.subsets import Subset, correlate
 from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import identity

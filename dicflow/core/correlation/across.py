@@ -15,6 +15,7 @@ import numpy as np
 from dicflow.core.arrays import Array, Codes, Grey, Mask, all_finite
 from dicflow.core.correlation.chain import uncancelled_noise
 from dicflow.core.correlation.edges import usual_residual
+from dicflow.core.correlation.judgement import UNEXPLAINED, find_points
 from dicflow.core.correlation.partners import starting_warps
 from dicflow.core.correlation.points import (
     VIA_REFERENCE_STEP,
@@ -26,7 +27,7 @@ from dicflow.core.correlation.points import (
     part_masks,
     with_terms,
 )
-from dicflow.core.correlation.search import UNEXPLAINED, Search, find_points
+from dicflow.core.correlation.search import Search
 from dicflow.core.correlation.seed import ACCEPTED_CORRELATION, window_correlation, window_correlations
 from dicflow.core.correlation.warp import TERMS
 from dicflow.core.parts import Parts

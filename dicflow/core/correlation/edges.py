@@ -29,7 +29,7 @@ from dicflow.core.correlation.uneven import uneven_variance
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 
-__all__ = ["AT_EDGES", "Edges", "find_edges", "residual_variance", "usual_residual"]
+__all__ = ["AT_EDGES", "Edges", "find_edges", "most_off", "residual_variance", "usual_residual"]
 
 
 AT_EDGES = (Status.MISFIT, Status.UNEVEN_LIGHT, Status.DISCONTINUITY)
@@ -69,12 +69,12 @@ class Edges(NamedTuple):
 
     reason : uint8 — MISFIT, UNEVEN_LIGHT or DISCONTINUITY where the point is lost for it, else VALID
     variance : further variance of the place along each axis [px²]; 0 where the residual is usual
-    most_off : what a place may be off at most by two motions in its subset [px]
+    usual : variance of the residual of an undisturbed subset, the same for all [grey levels²]
     """
 
     reason: Codes
     variance: Array
-    most_off: Array
+    usual: float
 
 
 def residual_variance(field: Field) -> Array:
@@ -88,14 +88,14 @@ def usual_residual(residual: Array) -> float:
 
 
 def find_edges(
-    reference: Template, target: Spline, centres: Array, field: Field, subset: Subset, usual: float
+    reference: Template, target: Spline, centres: Array, field: Field, subset: Subset, residual: Array, usual: float
 ) -> Edges:
     """Subsets of a grid at edges.
 
     centres : (rows, cols, 2) — whole pixels of the template; field : results of correlation there
-    usual : variance of the residual elsewhere (:func:`usual_residual`) [grey levels²]
+    residual : (rows, cols) — variances (:func:`residual_variance`); usual : the variance elsewhere
+        (:func:`usual_residual`) [grey levels²]
     """
-    residual = residual_variance(field)
     local = np.maximum(usual, _local_usual(residual))
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio, excess = residual / usual, np.maximum(residual - usual, 0.0)
@@ -114,18 +114,21 @@ def find_edges(
         variance[at] += np.where(share > _LIGHT_LIMITS[0][1], shift**2, 0.0)
     unfit |= (variance > _LOST_SIGMA_PX**2) & ~dazzled
     reason = np.where(unfit, Status.MISFIT, np.where(dazzled, Status.UNEVEN_LIGHT, Status.VALID)).astype(np.uint8)
-    return Edges(reason, np.where(unfit | dazzled, 0.0, variance), _most_off(residual, usual, field, subset))
+    return Edges(reason, np.where(unfit | dazzled, 0.0, variance), usual)
 
 
-def _most_off(residual: Array, usual: float, field: Field, subset: Subset) -> Array:
-    """What places (rows, cols) may be off at most by two motions in their subsets [px]."""
+def most_off(field: Field, at: tuple[Index, ...], usual: float, subset: Subset) -> Array:
+    """What the places (n,) of points of a field may be off at most by two motions in their subsets [px].
+
+    usual : variance of the residual elsewhere [grey levels²]
+    """
+    residual, slope = field.znssd[at] * field.texture[at][:, 0], field.warp[at][..., 1:3]
     excess = np.maximum(residual - usual, 0.0) + _STANDARD_ERRORS * np.sqrt(2.0) / subset.size * residual
-    slope = field.warp[..., 1:3]
     square = 0.5 * (slope**2).sum(axis=(-2, -1))
     area = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0]
     stretch = np.sqrt(square + np.sqrt(np.maximum(square**2 - area**2, 0.0)))
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(_MISFITS_OFF * stretch * np.sqrt(2.0 * excess / field.texture[..., 1]))
+        return np.asarray(_MISFITS_OFF * stretch * np.sqrt(2.0 * excess / field.texture[at][:, 1]))
 
 
 def _quantile(residual: Array, share: float, unknown: float) -> float:

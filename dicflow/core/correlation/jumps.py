@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from dicflow.core.arrays import Array, Codes, Index, Mask
-from dicflow.core.correlation.edges import Edges
+from dicflow.core.correlation.edges import Edges, most_off
 from dicflow.core.correlation.follow import Field, sigma_by_residual
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.warp import set_recentred
@@ -89,7 +89,7 @@ def find_jumps(
         tested |= suspect
         points = np.argwhere(suspect)
         sides = predicted_by_sides(points, _code(clean), warp, centres, parts, reach)
-        found = _with_sides(found, sides, points, field)
+        found = _with_sides(found, sides, points, field, subset)
         jumps = found.reason == Status.DISCONTINUITY
         clean &= ~jumps
         suspect = measured & _within(jumps, reach) & ~tested
@@ -100,13 +100,13 @@ def _code(clean: Mask) -> Codes:
     return np.where(clean, np.uint8(Status.VALID), np.uint8(Status.MISFIT))
 
 
-def _with_sides(edges: Edges, sides: Sides, points: Index, field: Field) -> Edges:
+def _with_sides(edges: Edges, sides: Sides, points: Index, field: Field, subset: Subset) -> Edges:
     """The edges with what the sides say of points (n, 2)."""
     at, reason, variance = tuple(points.T), edges.reason.copy(), edges.variance.copy()
     noise = sigma_by_residual(field, at)
     place = field.warp[at][..., 0]
     away, enclosed = np.nan_to_num(sides.away(place)), sides.enclose(place)
-    steep = enclosed & (away > edges.most_off[at])
+    steep = enclosed & (away > most_off(field, at, edges.usual, subset))
     between = enclosed & ~steep & (away > _NEAR_PX + _SIGMAS * noise)
     lost = (
         sides.jump & ~steep & ((away > _LOST_PX + _LOST_SIGMAS * noise + sides.spread) | (reason[at] != Status.VALID))

@@ -16,6 +16,7 @@ import numpy as np
 from dicflow.core.arrays import Array, Grey, Mask, all_finite
 from dicflow.core.correlation.chain import chained
 from dicflow.core.correlation.edges import AT_EDGES, usual_residual
+from dicflow.core.correlation.judgement import find_points, judge
 from dicflow.core.correlation.points import (
     MIN_POINTS_FOR_MOTION,
     VIA_REFERENCE_STEP,
@@ -32,8 +33,6 @@ from dicflow.core.correlation.search import (
     Search,
     correlate_again,
     correlate_points,
-    find_points,
-    judge,
     own_subsets,
     target_spline,
 )

@@ -33,7 +33,7 @@ from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.tensors import upper_triangle
 from dicflow.core.threads import over
 
-__all__ = ["PlaceCovariances", "misfit_covariance", "place_covariances"]
+__all__ = ["PlaceCovariances", "misfit_covariance", "misfit_samples", "misfit_share", "place_covariances"]
 
 
 _CHUNK = 64
@@ -64,37 +64,45 @@ class PlaceCovariances(NamedTuple):
     noise: Array
 
 
-def misfit_covariance(
-    reference: Template,
-    target: Spline,
-    centres: Array,
-    warp: Array,
-    subset: Subset,
-    unit: Array,
-    noise: Array,
-    threads: int = 1,
+def misfit_samples(found: Mask) -> tuple[slice, slice]:
+    """The points of a grid of which :func:`misfit_share` takes the subsets. found : (rows, cols) bool"""
+    every = slice(None, None, max(1, int(np.ceil(np.sqrt(found.sum() / _MAX_SAMPLES)))))
+    return every, every
+
+
+def misfit_share(
+    reference: Template, target: Spline, centres: Array, warp: Array, subset: Subset, noise: Array, threads: int = 1
 ) -> Array:
-    """Covariance (rows, cols, 3) of the places of a grid of subsets by misfit beyond the noise [px² of the template].
+    """Covariance (rows, cols, 3) of the places of sampled subsets by misfit beyond the noise [grey levels²].
 
     centres : (rows, cols, 2) — whole pixels of the template; warp : (rows, cols, 2, 3 or 6); NaN where not found
-    unit : (rows, cols, 3) — covariance of the places for white noise of one grey level in one photograph
     noise : (rows, cols) — variance of the noise of both photographs [grey levels²]
 
-    The misfit of sampled subsets holds for their neighbours in proportion to ``unit``. Twice its standard error is
+    The unit is what white noise of one grey level does to the places, along either axis. Twice the standard error is
     subtracted, so that chance alone rarely counts as misfit.
     """
-    stride = max(1, int(np.ceil(np.sqrt(np.isfinite(warp[..., 0, 0]).sum() / _MAX_SAMPLES))))
-    rows, cols = centres[::stride, ::stride].shape[:2]
-    sampled = [part[::stride, ::stride].reshape(-1, *part.shape[2:]) for part in (centres, warp, noise)]
-    whole_pixels = np.nan_to_num(sampled[0]).astype(np.int64)
-    residual, white = place_covariances(reference, target, whole_pixels, sampled[1], subset, threads)
-    excess = _in_units(residual - sampled[2][:, None, None] * white, white)
+    rows, cols = noise.shape
+    whole_pixels = np.nan_to_num(centres.reshape(-1, 2)).astype(np.int64)
+    of_places = place_covariances(reference, target, whole_pixels, warp.reshape(-1, *warp.shape[2:]), subset, threads)
+    residual, white = of_places
+    excess = _in_units(residual - noise.reshape(-1, 1, 1) * white, white)
     doubled_errors = 2.0 * _standard_errors(excess)
     values, axes = np.linalg.eigh(_smooth(excess.reshape(rows, cols, 2, 2)) - np.diag(doubled_errors))
-    positive = upper_triangle((axes * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2))
-    share = positive.repeat(stride, axis=0).repeat(stride, axis=1)[: centres.shape[0], : centres.shape[1]]
+    return upper_triangle((axes * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2))
+
+
+def misfit_covariance(share: Array, samples: tuple[slice, slice], unit: Array) -> Array:
+    """Covariance (rows, cols, 3) of the places of a grid of subsets by misfit [px² of the template].
+
+    share : of the ``samples`` (:func:`misfit_share`); it holds for their neighbours too
+    unit : (rows, cols, 3) — covariance of the places for white noise of one grey level in one photograph
+    """
+    rows, cols = (np.arange(count) // (part.step or 1) for count, part in zip(unit.shape, samples, strict=False))
     x, y = np.sqrt(unit[..., 0]), np.sqrt(unit[..., 2])
-    return np.asarray(share * np.stack([x * x, x * y, y * y], axis=-1))
+    found = np.empty(unit.shape)
+    for term, square in enumerate((unit[..., 0], x * y, unit[..., 2])):
+        found[..., term] = share[..., term][rows[:, None], cols] * square
+    return found
 
 
 def _standard_errors(excess: Array) -> Array:

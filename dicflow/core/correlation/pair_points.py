@@ -13,8 +13,9 @@ from dicflow.core.arrays import Array, Grey, all_finite
 from dicflow.core.cameras.camera import Rig
 from dicflow.core.cameras.relative_orientation import MatchedPoints
 from dicflow.core.correlation.edges import residual_variance
+from dicflow.core.correlation.judgement import judge
 from dicflow.core.correlation.partners import find_partners
-from dicflow.core.correlation.search import Search, correlate_points, first_photograph, judge, target_spline
+from dicflow.core.correlation.search import Search, correlate_points, first_photograph, target_spline
 from dicflow.core.correlation.seed import MIN_EPIPOLAR_PAIRS, Pairs, feature_pairs, seed_warps
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.matching.pairs import agreeing_matches

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import NamedTuple
 
 import cv2
@@ -10,14 +9,9 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Grey, Image, Mask, all_finite
 from dicflow.core.correlation.blur import Damping, equally_sharp
-from dicflow.core.correlation.chain import chained, uncancelled_noise
-from dicflow.core.correlation.edges import find_edges, residual_variance, usual_residual
+from dicflow.core.correlation.edges import residual_variance
 from dicflow.core.correlation.follow import Field, correlate_field
-from dicflow.core.correlation.jumps import find_jumps
-from dicflow.core.correlation.misfit import misfit_covariance
 from dicflow.core.correlation.points import (
-    DIRECT,
-    VIA_REFERENCE_STEP,
     FoundPoints,
     ReferencePhotograph,
     cropped,
@@ -25,23 +19,19 @@ from dicflow.core.correlation.points import (
 from dicflow.core.correlation.subsets import OwnSubsets, Subset, describe, with_sums
 from dicflow.core.correlation.template import Template, template, with_usable
 from dicflow.core.correlation.warp import gradient, identity, warp_from_gradient
-from dicflow.core.parts import Parts, single_part
+from dicflow.core.parts import Parts
 from dicflow.core.photographs.exposure import Photograph
 from dicflow.core.photographs.interpolate import Spline, spline
-from dicflow.core.photographs.noise import interpolated_noise_ratio, interpolated_variance
+from dicflow.core.photographs.noise import interpolated_variance
 from dicflow.core.status import Status
-from dicflow.core.tensors import congruent, inverse, product
-from dicflow.core.threads import at_once
+from dicflow.core.tensors import inverse, product
 
 __all__ = [
-    "UNEXPLAINED",
     "CorrelatedField",
     "Search",
     "correlate_again",
     "correlate_points",
-    "find_points",
     "first_photograph",
-    "judge",
     "noise_of_residual",
     "own_subsets",
     "points_in_first_photograph",
@@ -50,17 +40,10 @@ __all__ = [
 ]
 
 
-UNEXPLAINED = (Status.UNTRACKED, Status.NOT_CONVERGED, Status.LOW_CORRELATION)
-"""Codes of lost points for which the search knows no reason."""
 _MIN_POINTS_FOR_GAIN = 100
 """With fewer, the contrast of both photographs counts as equal."""
 _MOST_POINTS_FOR_NOISE = 20_000
 """More do not make the noise more certain."""
-_STRONG_BLUR_PX2 = 1.0
-"""Variance of the blur of one photograph against the other from which it is the reason [px²]."""
-_MOST_LEFT = 0.07
-"""Variance of the residual beyond the noise, over that of the pattern, up to which a strong blur is a Gaussian: 0.03 at
-most with lenses out of focus and motion during the exposure, and 0.15 or more where one of them reverses contrast."""
 _MIXED_SIGMAS = 0.7
 """Distance from a rim up to which pixels are left out [standard deviations of a blur]: those beyond mix by a quarter or
 less, and a half subset keeps enough of its pixels."""
@@ -165,22 +148,6 @@ def noise_of_residual(correlation: CorrelatedField, degree: int, side: int) -> t
     return correlation.centres[chosen], warp[..., 0], variance
 
 
-def find_points(
-    reference: ReferencePhotograph,
-    target: Spline,
-    starts: Array,
-    search: Search,
-    route: int = DIRECT,
-    usual: float = np.inf,
-) -> FoundPoints:
-    """Find the points of a reference photograph in the target.
-
-    starts : (rows, cols, 2, 3) — from the first photograph to the target
-    route, usual : as for :func:`judge`
-    """
-    return judge(reference, correlate_points(reference, target, starts, search), search, route, usual)
-
-
 def own_subsets(reference: ReferencePhotograph, search: Search) -> OwnSubsets:
     """The subsets of a reference photograph as sharp as it is."""
     own = _template(reference, _smoothed(reference.image.grey, search), search)
@@ -268,102 +235,6 @@ def _correlated(own: OwnSubsets, target: Spline, places: Array, warps: Array, se
         threads=search.threads,
         parts=search.parts,
     )
-
-
-def judge(
-    reference: ReferencePhotograph,
-    correlation: CorrelatedField,
-    search: Search,
-    route: int = DIRECT,
-    usual: float = np.inf,
-) -> FoundPoints:
-    """The points with their covariance, without those whose subset holds two motions or an edge of light.
-
-    route : VIA_REFERENCE_STEP counts the noise of the reference photograph too
-    usual : variance of the residual in a larger field of the same target; infinite if unknown [grey levels²]
-
-    Points at edges are lost with the status that says why: MISFIT, UNEVEN_LIGHT or DISCONTINUITY.
-    """
-    centres, damping = correlation.centres, correlation.damping
-    places = centres - reference.origin
-    field, edge_variance = _without_edges(correlation, places, search, usual)
-    noise = 0.5 * search.noise**2 * field.covariance
-    slope = gradient(field.warp, reference.points - centres)
-    inherited = congruent(slope, reference.inherited_covariance)
-    if route == VIA_REFERENCE_STEP:
-        remaining = uncancelled_noise(reference.slope, field.warp.shape[-1], search.degree)
-        inherited = inherited + (damping.template * remaining)[..., None] * noise
-    ratio = damping.target * correlation.gain * search.target_noise_ratio**2
-    target_noise = ratio * interpolated_noise_ratio(slope, search.degree)
-    by_noise = inherited + (target_noise + damping.excess)[..., None] * noise
-    misfit = partial(_misfit, correlation, field, slope, edge_variance, places, search, target_noise)
-    in_first = partial(_in_first, reference, field, centres, damping.template * noise)
-    (by_misfit, by_edges), (warp, by_template) = at_once(search.threads, misfit, in_first)
-    routes = np.where(field.status == Status.VALID, route, 0).astype(np.uint8)
-    fit = field.znssd, field.iterations, field.status
-    covariance, residual = by_noise + by_misfit + by_edges, residual_variance(field)
-    return FoundPoints(warp, *fit, covariance, routes, by_template, inherited, slope, residual, by_misfit)
-
-
-def _misfit(
-    correlation: CorrelatedField,
-    field: Field,
-    slope: Array,
-    edge_variance: Array,
-    places: Array,
-    search: Search,
-    target_noise: Array,
-) -> tuple[Array, Array]:
-    """Covariances (rows, cols, 3) of the places by misfit and by edges nearby [px²]; 0 where these do not count.
-
-    field : without the subsets at edges; edge_variance : (rows, cols) — of those near them [px²]
-    slope : (rows, cols, 2, 2) — gradient of the motion at the points; places : (rows, cols, 2) — of the subsets in the
-        template
-    target_noise : (rows, cols) — variance by the noise of the target, over that by the template's
-    """
-    if not search.counts_misfit:
-        return 0.0 * field.covariance, 0.0 * field.covariance
-    unit = 0.5 * congruent(inverse(slope), field.covariance)
-    variance = search.noise**2 * (correlation.damping.template + target_noise)
-    common = np.where((edge_variance > 0.0)[..., None, None], np.nan, field.warp)
-    pair = correlation.template, correlation.target
-    misfit = misfit_covariance(*pair, places, common, search.subset, unit, variance, search.threads)
-    return congruent(slope, misfit), congruent(slope, edge_variance[..., None] * np.array([1.0, 0.0, 1.0]))
-
-
-def _in_first(reference: ReferencePhotograph, field: Field, centres: Array, by_template: Array) -> tuple[Array, Array]:
-    """Warps (rows, cols, 2, m) from the first photograph, and the covariance of its own noise (rows, cols, 3) [px²].
-
-    by_template : (rows, cols, 3) — covariance of the places by the noise of the template [px²]
-    """
-    warp = chained(reference.warp, field.warp, centres)
-    return warp, congruent(inverse(warp[..., 1:3]), by_template)
-
-
-def _without_edges(correlation: CorrelatedField, places: Array, search: Search, usual: float) -> tuple[Field, Array]:
-    """The field without subsets at edges, and the further variance (rows, cols) of those near them [px²].
-
-    places : (rows, cols, 2) — of the subsets in the template
-    """
-    field, pair = correlation.field, (correlation.template, correlation.target)
-    noise_variance = search.noise**2 * (1.0 + correlation.gain * search.target_noise_ratio**2)
-    residual = residual_variance(field)
-    usual = min(usual, usual_residual(residual))
-    usual = max(usual, noise_variance) if np.isfinite(usual) else noise_variance
-    edges = find_edges(*pair, places, field, search.subset, usual)
-    parts = single_part(places) if search.parts is None else search.parts
-    edges = find_jumps(edges, places, field, parts, search.subset, search.jumps)
-    lost = edges.reason != Status.VALID
-    status = np.where(lost, edges.reason, field.status)
-    if correlation.damping.blur >= _STRONG_BLUR_PX2:
-        no_gaussian = ~lost & (residual - noise_variance > _MOST_LEFT * field.texture[..., 0])
-        status[np.isin(status, UNEXPLAINED) | no_gaussian] = Status.BLURRED
-        lost |= no_gaussian
-    warp, place = (
-        np.where(lost.reshape(lost.shape + (1,) * (values.ndim - 2)), np.nan, values)
-        for values in (field.warp, field.covariance)
-    )
-    return field._replace(status=status, warp=warp, covariance=place), edges.variance
 
 
 def _smoothed(image: Grey, search: Search) -> Image:

@@ -207,7 +207,7 @@ def interpolated_noise_ratio(slope: Array, degree: int) -> Array:
     s(λ) = Σₘ |φ̂(m/λ)|² / λ for each of the principal stretches λ.
     """
     (a, b), (c, d) = (np.moveaxis(slope[..., axis, :], -1, 0) for axis in (0, 1))
-    even, odd = np.hypot(a + d, c - b) / 2.0, np.hypot(a - d, c + b) / 2.0
+    even, odd = np.sqrt((a + d) ** 2 + (c - b) ** 2) / 2.0, np.sqrt((a - d) ** 2 + (c + b) ** 2) / 2.0
     stretches, kept = _variance_after_stretch(degree)
     return np.asarray(np.interp(even + odd, stretches, kept) * np.interp(np.abs(even - odd), stretches, kept))
 

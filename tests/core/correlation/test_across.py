@@ -14,8 +14,9 @@ from dicflow.core.correlation.across import (
     starts_agree,
     starts_from_previous_step,
 )
+from dicflow.core.correlation.judgement import find_points
 from dicflow.core.correlation.points import ReferencePhotograph
-from dicflow.core.correlation.search import Search, find_points, first_photograph, target_spline
+from dicflow.core.correlation.search import Search, first_photograph, target_spline
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.warp import warp_from_gradient
 from dicflow.core.photographs.exposure import Photograph

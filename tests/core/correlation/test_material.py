@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from scenes import grey, texture
 
+from dicflow.core.correlation.judgement import find_points
 from dicflow.core.correlation.material import Updating, follow_step, search_directly
 from dicflow.core.correlation.points import VIA_REFERENCE_STEP, ReferencePhotograph, carried_points, cropped
 from dicflow.core.correlation.search import (
     Search,
-    find_points,
     first_photograph,
     points_in_first_photograph,
     target_spline,

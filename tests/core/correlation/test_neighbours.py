@@ -91,13 +91,17 @@ def cracked(jump_px, noise_px=0.01):
 
 
 def jumps_in(warp, touching, most_off_px):
-    """The jumps of a field whose points at the crack have unusual residuals, and may be off by so much."""
+    """The jumps of a field whose points at the crack have unusual residuals, and may be off by so much.
+
+    They may be off by four times √(2 (1 + 3 √2 / 31) / S), for residuals of 1 where 0 is usual and a slope S.
+    """
     shape = VALID.shape
+    slope = 32.0 * (1.0 + 3.0 * np.sqrt(2.0) / 31.0) / most_off_px**2
     field = Field(
         warp, np.full(shape, 0.01), np.zeros(shape, dtype=np.int16), VALID,
-        np.broadcast_to([1e-4, 0.0, 1e-4], (*shape, 3)), np.full((*shape, 2), 100.0),
+        np.broadcast_to([1e-4, 0.0, 1e-4], (*shape, 3)), np.broadcast_to([100.0, slope], (*shape, 2)),
     )  # fmt: skip
-    edges = Edges(VALID, np.where(touching, 0.01, 0.0), np.full(shape, most_off_px))
+    edges = Edges(VALID, np.where(touching, 0.01, 0.0), 0.0)
     return find_jumps(edges, GRID, field, single_part(GRID), Subset(31))
 
 

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from dicflow.core.correlation.search import Search, find_points, first_photograph, target_spline
+from dicflow.core.correlation.judgement import find_points
+from dicflow.core.correlation.search import Search, first_photograph, target_spline
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.warp import warp_from_gradient
 from dicflow.core.photographs.exposure import Photograph
