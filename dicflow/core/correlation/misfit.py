@@ -19,6 +19,7 @@ residuals, and its sum over the subset, the shift that it makes, is counted inst
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import cv2
@@ -206,11 +207,11 @@ def _by_autocorrelation(jacobian: Image, f: Image, weight: Image, residual: Imag
     return PlaceCovariances(by_power + shift @ np.swapaxes(shift, -1, -2), noise)
 
 
-def _windows(size: int) -> Array:
+def _windows(size: int) -> Image:
     """Weights of the pixels of a subset in each window, (pixel, window)."""
     pixel, middle = np.arange(size), (np.arange(_WINDOWS) + 0.5) * size / _WINDOWS - 0.5
     band = np.exp(-0.5 * ((pixel[:, None] - middle) * _WINDOWS / size / _WINDOW_SIGMA) ** 2)
-    return np.asarray(np.einsum("ia,jb->ijab", band, band).reshape(size**2, _WINDOWS**2))
+    return np.asarray(np.einsum("ia,jb->ijab", band, band).reshape(size**2, _WINDOWS**2), dtype=np.float32)
 
 
 def _gain(left: Array | Image, weight: Image) -> Image:
@@ -235,10 +236,10 @@ def _spectrum(residual: Image, weight: Image, fitted: Image) -> Array:
 
     fitted : share of the power that was taken, at each frequency
     """
-    power = _power(np.where(weight > 0.0, residual, 0.0)).mean(axis=0) / (1.0 - fitted)
+    power = _summed_power(np.where(weight > 0.0, residual, 0.0)) / len(residual) / (1.0 - fitted)
     counts = weight > 0.0
-    counted = (counts[:1] if counts.all() else counts).astype(np.float64)
-    pairs = irfft2(_power(counted).mean(axis=0))
+    counted = counts[:1] if counts.all() else counts
+    pairs = irfft2(_summed_power(counted) / len(counted))
     seldom = pairs < _MIN_PAIRS * pairs[0, 0]
     mean = np.where(seldom, 0.0, irfft2(power) / np.maximum(pairs, 1e-12))
     return np.asarray(rfft2(mean).real)
@@ -258,25 +259,38 @@ def _fitted_share(by_point: Image, gain: Image) -> Image:
     return np.asarray(np.clip((taken[..., 0] + taken[..., 1]) / by_point.shape[-1], 0.0, _MAX_TAKEN))
 
 
-def _power(values: Array | Image | Mask) -> Image:
-    """Power spectra (..., row, col) of squares of pixels (..., pixel), amid zeros as wide as they are."""
-    real, imaginary = np.moveaxis(_transform(values), -1, 0)
-    return np.asarray(real * real + imaginary * imaginary)
+def _summed_power(values: Array | Image | Mask) -> Array:
+    """Sum of the power spectra (row, col) of squares of pixels (..., pixel), as those of :func:`_waves`."""
+    squares, side = _squares(values)
+    total = np.zeros((side, side, 2), dtype=np.float32)
+    for wave in _waves(squares, side):
+        cv2.accumulateSquare(wave, total)
+    return np.asarray(total[:, : side // 2 + 1].sum(axis=-1, dtype=np.float64))
 
 
-def _transform(values: Array | Image | Mask) -> Image:
-    """Fourier transforms (..., row, col, 2), real and imaginary parts, of squares of pixels (..., pixel), amid zeros as
-    wide as they are; without the columns that mirror others.
+def _transform(values: Array | Image) -> Image:
+    """Fourier transforms (..., row, col, 2) of squares of pixels (..., pixel), as :func:`_waves`, without the columns
+    that mirror others.
     """
+    squares, side = _squares(values)
+    waves = np.empty((len(squares), side, side // 2 + 1, 2), dtype=np.float32)
+    for known, wave in zip(waves, _waves(squares, side), strict=True):
+        known[...] = wave[:, : side // 2 + 1]
+    return waves.reshape(*values.shape[:-1], *waves.shape[1:])
+
+
+def _squares(values: Array | Image | Mask) -> tuple[Image, int]:
+    """Squares (n, row, col) of pixels (..., pixel), and the side of squares twice as wide, or a little more [px]."""
     size = int(np.sqrt(values.shape[-1]))
-    side = 2 * cv2.getOptimalDFTSize(size)
-    square, half = np.zeros((side, side), dtype=np.float32), side // 2 + 1
-    waves = np.empty((values.size // size**2, side, half, 2), dtype=np.float32)
-    squares = np.asarray(values, dtype=np.float32).reshape(-1, size, size)
-    for wave, pixels in zip(waves, squares, strict=True):
+    return np.asarray(values, dtype=np.float32).reshape(-1, size, size), 2 * int(cv2.getOptimalDFTSize(size))
+
+
+def _waves(squares: Image, side: int) -> Iterator[Image]:
+    """Fourier transforms (row, col, 2), real and imaginary parts, of squares (n, row, col) amid zeros."""
+    size, square = squares.shape[-1], np.zeros((side, side), dtype=np.float32)
+    for pixels in squares:
         square[:size, :size] = pixels
-        wave[...] = cv2.dft(square, flags=cv2.DFT_COMPLEX_OUTPUT, nonzeroRows=size)[:, :half]
-    return waves.reshape(*values.shape[:-1], side, half, 2)
+        yield np.asarray(cv2.dft(square, flags=cv2.DFT_COMPLEX_OUTPUT, nonzeroRows=size))
 
 
 def _covariance(kernel: Image, spectrum: Array) -> Array:
@@ -290,21 +304,25 @@ def _covariance(kernel: Image, spectrum: Array) -> Array:
 
 
 def _fit_loss(
-    kernel: Image, by_point: Image, weighted: Image, inverse: Image, windows: Array, spectrum: Array
+    kernel: Image, by_point: Image, weighted: Image, inverse: Image, windows: Image, spectrum: Array
 ) -> Array:
     """Variances (2,) by residuals over the mean of their sandwich estimate: a warp was fitted, and windows are small.
 
     kernel : (n, 2, pixel); by_point, weighted : (n, term, pixel); inverse : (n, term, term)
     windows : (pixel, window); spectrum : of the autocorrelation of the residuals
     """
-    parts = kernel[:, :, None] * windows.T
-    seen = parts - ((parts @ np.swapaxes(by_point, -1, -2)[:, None]) @ inverse[:, None]) @ weighted[:, None]
-    total, kept = _variance(kernel, spectrum).mean(axis=0), _variance(seen, spectrum).sum(axis=-1).mean(axis=0)
+    total, kept = np.zeros(2), np.zeros(2)
+    for k, axis in np.ndindex(kernel.shape[:2]):
+        parts = kernel[k, axis] * windows.T
+        seen = parts - ((parts @ by_point[k].T) @ inverse[k]) @ weighted[k]
+        total[axis] += _summed_variance(kernel[k, axis], spectrum)
+        kept[axis] += _summed_variance(seen, spectrum)
     return np.asarray(np.clip(total / np.maximum(kept, 1e-12), 1.0, _MAX_LOSS))
 
 
-def _variance(weights: Array | Image, spectrum: Array) -> Array:
-    """Variance (...) of sums with weights (..., pixel) of values with an autocorrelation, given by its spectrum."""
-    power = _power(weights) * spectrum
-    ends = power[..., [0, -1]].sum(axis=(-1, -2))
-    return np.asarray((2.0 * power.sum(axis=(-1, -2)) - ends) / len(spectrum) ** 2)
+def _summed_variance(weights: Array | Image, spectrum: Array) -> float:
+    """Sum of the variances of sums with weights (..., pixel) of values with an autocorrelation, given by its
+    spectrum.
+    """
+    power = _summed_power(weights) * spectrum
+    return float(2.0 * power.sum() - power[:, [0, -1]].sum()) / len(spectrum) ** 2

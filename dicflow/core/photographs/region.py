@@ -196,18 +196,19 @@ def _grid_inside(polygons: Sequence[Polygon], x: Array, y: Array) -> Mask:
 
     Where an edge crosses a row, the places beyond change sides.
     """
-    toggles = np.zeros((len(y), len(x) + 1), dtype=np.uint8)
-    for polygon in polygons:
-        for ring in polygon.rings:
-            for (ax, ay), (bx, by) in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-                if ay != by:
-                    rows = np.arange(*np.searchsorted(y, (min(ay, by), max(ay, by))))
-                    crossing = ax + (y[rows] - ay) * ((bx - ax) / (by - ay))
-                    toggles[rows, np.searchsorted(x, crossing)] ^= 1
+    rings = [np.empty((0, 2)), *(ring for polygon in polygons for ring in polygon.rings)]
+    starts, ends = np.concatenate(rings), np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    first, last = np.searchsorted(y, np.sort([starts[:, 1], ends[:, 1]], axis=0))
+    edge = np.repeat(np.arange(len(starts)), last - first)
+    row = np.arange(len(edge)) - np.repeat(np.cumsum(last - first) - last, last - first)
+    (ax, ay), (bx, by) = starts[edge].T, ends[edge].T
+    crossing = ax + (y[row] - ay) * ((bx - ax) / (by - ay))
+    toggles = np.zeros((len(x) + 1, len(y)), dtype=np.uint8)
+    np.bitwise_xor.at(toggles, (np.searchsorted(x, crossing), row), 1)
     left, top, across, down = cv2.boundingRect(toggles)
-    box = slice(top, top + down), slice(left, left + across)
-    toggles[box] = np.bitwise_xor.accumulate(toggles[box], axis=1)
-    return toggles[:, : len(x)].view(np.bool_)
+    for before, after in pairwise(toggles[top : top + down, left : left + across]):
+        after ^= before
+    return np.asarray(cv2.transpose(toggles[: len(x)])).reshape(len(y), len(x)).view(np.bool_)
 
 
 def densify(ring: Array, spacing_px: float) -> Array:

@@ -81,7 +81,8 @@ def saturation_level(image: Grey) -> float:
 
 def saturated_share(image: Grey, mask: Mask) -> float:
     """Share of the mask's pixels that are saturated; NaN for an empty mask."""
-    return float((image[mask] > saturation_level(image)).mean()) if mask.any() else float("nan")
+    pixels = np.count_nonzero(mask)
+    return np.count_nonzero(mask & (image > saturation_level(image))) / pixels if pixels else float("nan")
 
 
 def speckle_size(image: Grey, mask: Mask) -> float:

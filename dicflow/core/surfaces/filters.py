@@ -171,9 +171,10 @@ def local_polynomial(
     known: Array = np.where(valid, data, 0.0)
     centre = known.sum(axis=(1, 2)) / max(int(valid.sum()), 1)
     powers = _powers(degree)
-    count = _moments(np.sign(weight), window, 0, "box")[0]
+    normal = _moments(weight, window, 2 * degree, kernel)
+    count = normal[0] if weights is None and kernel == "box" else _moments(np.sign(weight), window, 0, "box")[0]
     solved, leverage = _solve_all(
-        _moments(weight, window, 2 * degree, kernel),
+        normal,
         np.stack([_moments(plane, window, degree, kernel) for plane in (known - centre[:, None, None]) * weight]),
         _moment_indices(powers, degree),
         count,

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Array, Mask, all_finite
+from dicflow.core.arrays import Array, Image, Mask, all_finite
 from dicflow.core.parts import Parts, beside_borders
 from dicflow.core.surfaces.filters import local_polynomial
 from dicflow.core.threads import at_once, over
@@ -52,6 +52,8 @@ _MAX_BIASED = 0.03
 """Share of the points that may have such a bias."""
 _STANDARD_ERRORS = 2.0
 """Standard errors by which the bias of a point must exceed that."""
+_LEAST_SHARE = np.float32(1e-6)
+"""Weight of the neighbours that count, over that of all, below which their mean is less than it would be."""
 _DEGREES: dict[ShapeFunction, int] = {"affine": 1, "quadratic": 2}
 _QUADRATIC_VARIANCE = 1.0 + 5.0 / 4.0 + 5.0 / 4.0
 """Variance of the place of a quadratic subset over that of an affine one, of white noise and an even pattern."""
@@ -76,12 +78,12 @@ class ShapeBias(NamedTuple):
     nearest : (rows, cols, 2) — square, or that by a narrower window where it differs by more than noise [px²]
     """
 
-    square: Array
-    noise: Array
-    nearest: Array
+    square: Image
+    noise: Image
+    nearest: Image
 
     @property
-    def deviation(self) -> Array:
+    def deviation(self) -> Image:
         """The bias as a standard deviation (rows, cols, 2) [px]."""
         return np.asarray(np.sqrt(np.maximum(self.nearest, 0.0)))
 
@@ -120,8 +122,8 @@ def _of_part(
     in_points = grid[0] / grid[1]
     wide, narrow = (max(_MIN_WINDOW, _odd(reach * in_points)) for reach in (_REACH, _NARROW_REACH))
     least = max(_MIN_NARROW, 2 * int(np.ceil(0.5 * (in_points - 1.0))) + 1)
-    found = found._replace(variance=_as_around(found.variance, wide))
-    differences = partial(_differences, found, grid, shape_function, disturbed)
+    variance = _as_around(found.variance, wide)
+    differences = partial(_differences, found.places, variance, grid, shape_function, disturbed)
     by_side = over(threads, differences, sorted({wide, narrow, least}, reverse=True))
     square, *nearer = at_once(
         threads,
@@ -137,44 +139,56 @@ def _of_part(
 
 
 class _Differences(NamedTuple):
-    """Biases (rows, cols, 2) by the fits in a window of a side [points], NaN where unknown, and their variances.
+    """What fits in a window of a side [points] and places differ by; arrays are (rows, cols, …).
 
-    counts : (rows, cols) — those that count
+    excess : (…, 3) — squares of the biases less the noise, along both axes [px²], and 1, where they count; else 0
+    noise : (…, 2) — variances of the biases [px²]; NaN where these are unknown
     """
 
-    bias: Array
-    noise: Array
-    counts: Mask
+    excess: Image
+    noise: Image
     side: int
 
-    def mean_square(self, sigma: float) -> Array:
+    def mean_square(self, sigma: float) -> Image:
         """Mean of squares over the neighbours, less noise. sigma : of their weights [sides of the window]"""
-        mean = _neighbours_mean(self.bias**2 - self.noise, self.counts, sigma * self.side)
-        return np.where(np.isfinite(self.bias), mean, np.nan)
+        sums = cv2.GaussianBlur(self.excess, (0, 0), sigma * self.side, borderType=cv2.BORDER_CONSTANT)
+        share = np.maximum(sums[..., 2:], _LEAST_SHARE)
+        return np.asarray(sums[..., :2] / share + np.float32(0.0) * self.noise)
 
 
 def _differences(
-    found: PlacesOfSubsets, grid: tuple[int, int], shape_function: ShapeFunction, disturbed: Mask | None, side: int
+    places: Array,
+    variance: Image,
+    grid: tuple[int, int],
+    shape_function: ShapeFunction,
+    disturbed: Mask | None,
+    side: int,
 ) -> _Differences:
     """Biases by fits in a window of a side [points], of subsets of a size, so many pixels apart."""
     size, step = grid
     ratio = _left_out(side, step, shape_function) / _left_out(size, 1, shape_function)
-    fit = local_polynomial(found.places, (side, side), _DEGREES[shape_function])
-    known = _both(np.isfinite(found.places))
-    share = _correlated_share(side, size, step, shape_function) * np.clip(1.0 - fit.leverage, 0.0, 1.0)
-    bias = np.where(known[..., None], (fit.value - found.places) / ratio, np.nan)
-    noise = np.where(known[..., None], share[..., None] * found.variance / ratio**2, np.nan)
-    return _Differences(bias, noise, known if disturbed is None else known & ~_within(disturbed, side), side)
+    fit = local_polynomial(places, (side, side), _DEGREES[shape_function])
+    share = _correlated_share(side, size, step, shape_function) * np.clip(1.0 - fit.leverage, 0.0, 1.0) / ratio**2
+    bias = ((fit.value - places) / ratio).astype(np.float32)
+    noise = share.astype(np.float32)[..., None] * variance
+    square = bias * bias - noise
+    counts = all_finite(square)
+    if disturbed is not None:
+        counts &= ~_within(disturbed, side)
+    excess = np.empty((*counts.shape, 3), dtype=np.float32)
+    excess[..., :2] = np.where(counts[..., None], square, np.float32(0.0))
+    excess[..., 2] = counts
+    return _Differences(excess, noise + np.float32(0.0) * bias, side)
 
 
-def _as_around(variance: Array, side: int) -> Array:
+def _as_around(variance: Array, side: int) -> Image:
     """Variances (rows, cols, 2), those of much less certain points as the least within the window of a side around.
 
     Where subsets do not follow the motion their residuals tell so, which is no noise.
     """
-    square = np.ones((side, side), dtype=np.uint8)
-    least = cv2.erode(np.where(np.isfinite(variance), variance, np.inf), square).reshape(variance.shape)
-    return np.where(variance / _UNSURE**2 > least, least, variance)
+    square, own = np.ones((side, side), dtype=np.uint8), variance.astype(np.float32)
+    least = cv2.erode(np.where(np.isfinite(own), own, np.float32(np.inf)), square).reshape(own.shape)
+    return np.where(own / np.float32(_UNSURE**2) > least, least, own)
 
 
 @cache
@@ -204,7 +218,7 @@ def _correlated_share(side: int, size: int, step: int, shape_function: ShapeFunc
     return float(overlap(size, step, shape_function).variance(weights) / (weights**2).sum())
 
 
-def _standard_error(square: Array, noise: Array, sigma: float) -> Array:
+def _standard_error(square: Array | Image, noise: Image, sigma: float) -> Image:
     """Standard error of a mean of squares over neighbours, by noise. sigma : of their weights [sides of the window]"""
     return np.asarray(np.sqrt((4.0 * square * noise + 2.0 * noise**2) / (_INDEPENDENT * sigma**2)))
 
@@ -238,19 +252,3 @@ def _odd(side: float) -> int:
 def _within(disturbed: Mask, side: int) -> Mask:
     """Points (rows, cols) with a disturbed one in the window of a side around them."""
     return np.asarray(cv2.dilate(disturbed.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
-
-
-def _both(of_each: Mask) -> Mask:
-    """Points (rows, cols) of which both coordinates (rows, cols, 2) are so."""
-    return np.asarray(of_each[..., 0] & of_each[..., 1])
-
-
-def _neighbours_mean(values: Array, known: Mask, sigma: float) -> Array:
-    """Means of values (rows, cols, 2) over the known ones around each point; 0 where there are none."""
-    counts = _both(np.isfinite(values)) & known
-    parts = np.zeros((*counts.shape, 3), dtype=np.float32)
-    parts[..., :2] = np.where(counts[..., None], values, 0.0)
-    parts[..., 2] = counts
-    parts = cv2.GaussianBlur(parts, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
-    total, share = parts[..., :2].astype(np.float64), parts[..., 2:].astype(np.float64)
-    return np.asarray(np.where(share > 1e-6, total / np.maximum(share, 1e-6), 0.0))
