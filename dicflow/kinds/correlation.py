@@ -35,8 +35,8 @@ _LAYOUTS = {
     "template": Layout(_SYMMETRIC, "px²", "covariance of the place by the noise of the template"),
     "template_own": Layout(_SYMMETRIC, "px²", "the same with the shape function of this step, if it is another one"),
     "misfit": Layout(_SYMMETRIC, "px²", "share of the misfit of the subset in the covariance"),
-    "passed": Layout(_SYMMETRIC, "px²", "share of reference steps in the covariance"),
-    "slope": Layout(_GRADIENT, "1", "gradient of the motion from the reference photograph"),
+    "passed": Layout(_SYMMETRIC, "px²", "share of reference steps in the covariance; none if missing"),
+    "slope": Layout(_GRADIENT, "1", "gradient of the motion from the reference photograph, the first one if missing"),
     "course": Layout(_VECTOR, "px", "place, or the place expected by the last motion"),
     "motion": Layout(_VECTOR, "px", "last known motion of a step"),
     "part": Layout(GRID, "1", "number of the part of the region; a single part if missing"),
@@ -96,7 +96,20 @@ class FollowedPoints(Kind):
         from dicflow.core.photographs.region import interior
 
         region = interior(self.polygons, image.grey.shape)
-        return ReferencePhotograph(image, (0, 0), region, self["xy"], self["warp"], self["passed"], self["slope"])
+        known = self["xy"], self["warp"], self.inherited_covariance, self.slope
+        return ReferencePhotograph(image, (0, 0), region, *known)
+
+    @property
+    def inherited_covariance(self) -> np.ndarray:
+        """Share of reference steps in the covariance of the places (row, col, 3) [px²]."""
+        import numpy as np
+
+        return self["passed"] if "passed" in self else np.zeros((*self["xy"].shape[:-1], 3))
+
+    @property
+    def slope(self) -> np.ndarray:
+        """Gradient of the motion from the photograph with whose subsets the points were found (row, col, 2, 2)."""
+        return self["slope"] if "slope" in self else self["gradient"]
 
     @property
     def reference_step(self) -> ReferencePhotograph | None:
@@ -204,6 +217,7 @@ class Correlation(FollowedPoints):
         reference : the reference step; None while the first photograph is enough
         facts : further attributes: image_size, interpolation, summary, pattern of the first photograph
         """
+        from dicflow.core.correlation.points import VIA_REFERENCE_STEP
         from dicflow.core.correlation.warp import gradient
 
         values: dict[str, np.ndarray] = {
@@ -216,12 +230,12 @@ class Correlation(FollowedPoints):
             "covariance": found.covariance,
             "template": template,
             "misfit": found.misfit.astype("f4"),
-            "passed": found.inherited_covariance,
-            "slope": found.slope,
             "course": course.place.astype("f4"),
             "motion": course.motion.astype("f4"),
             "way": found.route,
         }
+        if (found.route == VIA_REFERENCE_STEP).any():
+            values |= {"passed": found.inherited_covariance, "slope": found.slope}
         variables, step_attrs = reference_variables(reference, grid.subset_size)
         grey, level = noise
         attrs = {

@@ -112,7 +112,7 @@ def _errors(found: Triangulated, left: Correlation, right: Stereo, misfit: np.nd
     of_left = congruent(inverse(left["gradient"]), left["covariance"])
     first = (left["way"] == 0)[..., None]
     chained = ((right["way"] > 1) & right.matched_at_every_step)[..., None]
-    common = misfit + np.where(chained, congruent(inverse(left["gradient"]), left["passed"]), 0.0)
+    common = misfit + np.where(chained, congruent(inverse(left["gradient"]), left.inherited_covariance), 0.0)
     ratio = _variance(_own_template(left)) / _variance(right["template"]) if _differ(left, right) else 1.0
     shares = (
         (by_left, of_left - common),
