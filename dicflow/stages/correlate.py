@@ -60,11 +60,22 @@ class _First(NamedTuple):
         return self.region if self.image.measured is None else self.region & self.image.measured
 
 
-class _Previous(NamedTuple):
-    """The previous step: its left photograph and the points in it."""
+class _Ready(NamedTuple):
+    """What a search needs beside the photograph that it looks at.
 
-    image: Photograph
+    first : the first left photograph
+    points : of the previous step
+    lost : (row, col) — points that are lost for good
+    search : with the shape function and the noise of the previous step
+    last, start : the previous and the first left photograph as reference photographs
+    """
+
+    first: _First
     points: Correlation
+    lost: np.ndarray
+    search: Search
+    last: ReferencePhotograph
+    start: ReferencePhotograph
 
 
 class _Searched(NamedTuple):
@@ -132,29 +143,36 @@ class Correlate(SubsetSearch):
         matches: Product | None = None,
         correlation_before: Product | None = None,
     ) -> Product:
+        from dicflow.core.threads import at_once
+
+        if correlation_before is None or images_before is None:
+            return self._first_step(self._first(images_first, region))
+        points = Correlation.read(correlation_before)
+        image, first, last = at_once(
+            self.thread_count,
+            partial(_left_photograph, images),
+            partial(self._first, images_first, region),
+            lambda: points.as_reference(_left_photograph(images_before)),
+        )
+        pairs = None if matches is None else Matches.read(matches).pairs
+        return self._next_step(image, self._ready(first, points, last), pairs)
+
+    def _first(self, images: Product, region: Product) -> _First:
         from dicflow.core.photographs.region import carry, grid_points, interior, parts_of_region
-        from dicflow.core.threads import over
 
-        chosen = Region.read(region)
+        chosen, image = Region.read(region), _left_photograph(images)
         outline = carry(chosen.polygons, lambda ring: ring, spacing_px=_OUTLINE_STEPS * self.step_size)
-        shown = [images] if images_before is None else [images, images_first, images_before]
-        image, *earlier = over(self.thread_count, _left_photograph, shown)
-        start = earlier[0] if earlier else image
         parts = parts_of_region(outline, chosen.cuts, grid_points(outline, self.step_size))
-        first = _First(start, interior(chosen.polygons, start.grey.shape), outline, parts)
-        if correlation_before is None:
-            return self._first_step(image, first)
-        previous = _Previous(earlier[-1], Correlation.read(correlation_before))
-        return self._next_step(image, first, previous, None if matches is None else Matches.read(matches).pairs)
+        return _First(image, interior(chosen.polygons, image.grey.shape), outline, parts)
 
-    def _first_step(self, image: Photograph, first: _First) -> Product:
+    def _first_step(self, first: _First) -> Product:
         """The points in the first photograph."""
         from dicflow.core.correlation.course import Course
         from dicflow.core.correlation.search import first_photograph, points_in_first_photograph
         from dicflow.core.threads import at_once
 
         shape: ShapeFunction = "affine" if self.shape_function == "auto" else self.shape_function
-        search = self.search(self.subset_size, 1.0, shape)._replace(parts=first.parts)
+        search, image = self.search(self.subset_size, 1.0, shape)._replace(parts=first.parts), first.image
         start = first_photograph(image, first.region, first.parts.places, search)
         pattern, of_unit_noise, noise, repeats = at_once(
             self.thread_count,
@@ -185,29 +203,44 @@ class Correlate(SubsetSearch):
         )
         return Correlation.read(product).with_parts(first.parts)
 
-    def _next_step(self, image: Photograph, first: _First, previous: _Previous, pairs: Pairs | None) -> Product:
+    def _ready(self, first: _First, points: Correlation, last: ReferencePhotograph) -> _Ready:
+        """What the search of a step needs beside its photograph."""
+        import numpy as np
+
+        from dicflow.core.arrays import all_finite
+        from dicflow.core.correlation.search import first_photograph
+        from dicflow.core.status import Status
+
+        lost = ~all_finite(points.course.place)
+        grid = np.where(lost[..., None], np.nan, first.parts.places)
+        search = self._search(points.noise.grey, first, self._usual_shape(points))._replace(reach_px=points.reach_px)
+        search = search._replace(jumps=points["status"] == Status.DISCONTINUITY)
+        return _Ready(first, points, lost, search, last, first_photograph(first.image, first.region, grid, search))
+
+    def _next_step(self, image: Photograph, ready: _Ready, pairs: Pairs | None) -> Product:
         """The points in every other photograph."""
         import numpy as np
 
-        from dicflow.core.correlation.course import next_course
+        from dicflow.core.correlation.course import Course, next_course
         from dicflow.core.threads import at_once
 
-        before = previous.points
-        course, lost = before.course, np.asarray(np.isnan(before.course.place).any(axis=-1))
-        searched = self._searched(image, first, previous, pairs, lost)
+        first, before = ready.first, ready.points
+        searched = self._searched(image, ready, pairs)
         found = searched.found
-        found = found._replace(status=np.where(lost, before["status"], found.status))
+        found = found._replace(status=np.where(ready.lost, before["status"], found.status))
         found, said = (found, {}) if found.valid.any() else _all_lost(found, image.grey)
         shape, threads = searched.search.subset.shape_function, self.thread_count
 
-        def carried() -> tuple[Sequence[Polygon], dict[str, Any]]:
+        def carried() -> tuple[Sequence[Polygon], dict[str, Any], Course]:
             polygons = before.outline(first.outline, found, first.parts)
-            return polygons, self._facts(found, searched.noise, image, polygons)
+            course = next_course(before.course, before["xy"], found.warp[..., 0])
+            return polygons, self._facts(found, searched.noise, image, polygons), course
 
-        bias, (polygons, facts) = at_once(threads, partial(self._left_out, searched, shape, first, threads), carried)
+        left_out = partial(self._left_out, searched, shape, first, threads)
+        bias, (polygons, facts, course) = at_once(threads, left_out, carried)
         product = Correlation.write(
             found,
-            next_course(course, before["xy"], found.warp[..., 0]),
+            course,
             searched.template,
             (searched.noise, searched.search.noise),
             polygons,
@@ -224,28 +257,14 @@ class Correlate(SubsetSearch):
             return searched.bias
         return left_out(searched.found, shape, (self.subset_size, self.step_size), first.parts, threads)
 
-    def _searched(
-        self, image: Photograph, first: _First, previous: _Previous, pairs: Pairs | None, lost: np.ndarray
-    ) -> _Searched:
-        """The points that were not lost for good (row, col), with the shape function that they need."""
-        import numpy as np
-
+    def _searched(self, image: Photograph, ready: _Ready, pairs: Pairs | None) -> _Searched:
+        """The points that were not lost for good, with the shape function that they need."""
         from dicflow.core.correlation.material import follow_step, search_again, search_directly
         from dicflow.core.correlation.search import first_photograph
-        from dicflow.core.status import Status
-        from dicflow.core.threads import at_once
 
-        points = previous.points
-        grid = np.where(lost[..., None], np.nan, first.parts.places)
+        first, points, _, search, last, start = ready
         before = noise = points.noise
-        search = self._search(before.grey, first, self._usual_shape(points))._replace(reach_px=points.reach_px)
-        search = search._replace(jumps=points["status"] == Status.DISCONTINUITY)
         reference_step = points.reference_step
-        last, start = at_once(
-            self.thread_count,
-            partial(points.as_reference, previous.image),
-            partial(first_photograph, first.image, first.region, grid, search),
-        )
         direct = search_directly(start, reference_step, last, image, search, pairs)
         if not before.is_final:
             noise = self._measured_noise(before, (direct.correlation, start.origin, search), first, image.grey)
@@ -257,7 +276,7 @@ class Correlate(SubsetSearch):
         shape, bias = needed_shape(found, used, grid_px, first.parts, self.thread_count) if is_open else (used, None)
         if shape != used:
             search = search._replace(subset=search.subset._replace(shape_function=shape))
-            start = first_photograph(first.image, first.region, grid, search)
+            start = first_photograph(first.image, first.region, start.points, search)
             direct = search_again(start, direct, found, search)
             if not before.is_final:
                 noise = self._measured_noise(before, (direct.correlation, start.origin, search), first, image.grey)

@@ -65,10 +65,11 @@ def judge(
 
     Points at edges are lost with the status that says why: MISFIT, UNEVEN_LIGHT or DISCONTINUITY.
     """
-    field, edge_variance = _without_edges(reference, correlation, search, usual)
-    residuals = partial(_misfit, reference, correlation, field, edge_variance, search)
-    places = partial(_by_noise, reference, correlation, field, search, route)
-    misfit, noise = at_once(search.threads, residuals, places)
+    residuals = partial(_by_residuals, reference, correlation, search, usual)
+    places = partial(_by_noise, reference, correlation, search, route)
+    (field, edge_variance, misfit), noise = at_once(search.threads, residuals, places)
+    lost = (field.status != Status.VALID) & (correlation.field.status == Status.VALID)
+    noise = _Noise(*(_without(values, lost) for values in noise))
     covariance, by_misfit = noise.covariance, 0.0 * noise.covariance
     if misfit is not None:
         share, samples = misfit
@@ -92,7 +93,7 @@ def judge(
 
 
 class _Noise(NamedTuple):
-    """What noise does to the points (rows, cols) of a field.
+    """What noise does to the points (rows, cols) of a field, those at edges too.
 
     warp : (…, 2, m) — from the first photograph
     slope : (…, 2, 2) — gradient of the motion from the reference photograph
@@ -110,11 +111,9 @@ class _Noise(NamedTuple):
     unit: Array
 
 
-def _by_noise(
-    reference: ReferencePhotograph, correlation: CorrelatedField, field: Field, search: Search, route: int
-) -> _Noise:
-    """What noise does to the points of a field without those at edges."""
-    centres, damping = correlation.centres, correlation.damping
+def _by_noise(reference: ReferencePhotograph, correlation: CorrelatedField, search: Search, route: int) -> _Noise:
+    """What noise does to the points that were found."""
+    field, centres, damping = correlation.field, correlation.centres, correlation.damping
     noise = 0.5 * search.noise**2 * field.covariance
     slope = gradient(field.warp, reference.points - centres)
     inherited = reference.inherited_covariance
@@ -137,6 +136,16 @@ def _target_noise(slope: Array, correlation: CorrelatedField, search: Search) ->
     """
     ratio = correlation.damping.target * correlation.gain * search.target_noise_ratio**2
     return ratio * interpolated_noise_ratio(slope, search.degree)
+
+
+def _by_residuals(
+    reference: ReferencePhotograph, correlation: CorrelatedField, search: Search, usual: float
+) -> tuple[Field, Array, tuple[Array, tuple[slice, slice]] | None]:
+    """What residuals tell: the field without points at edges, the further variance (rows, cols) of those near them
+    [px²], and the misfit as :func:`_misfit` has it.
+    """
+    field, edge_variance = _without_edges(reference, correlation, search, usual)
+    return field, edge_variance, _misfit(reference, correlation, field, edge_variance, search)
 
 
 def _misfit(
@@ -177,12 +186,12 @@ def _without_edges(
         no_gaussian = ~lost & (residual - noise_variance > _MOST_LEFT * field.texture[..., 0])
         status[np.isin(status, UNEXPLAINED) | no_gaussian] = Status.BLURRED
         lost |= no_gaussian
-    return _without(field._replace(status=status), lost), edges.variance
+    warp, covariance = _without(field.warp, lost), _without(field.covariance, lost)
+    return field._replace(status=status, warp=warp, covariance=covariance), edges.variance
 
 
-def _without(field: Field, lost: Mask) -> Field:
-    """The field without the places of some points (rows, cols)."""
+def _without(values: Array, lost: Mask) -> Array:
+    """Values (rows, cols, …) of points, NaN for some (rows, cols)."""
     if not lost.any():
-        return field
-    warp = np.where(lost[..., None, None], np.nan, field.warp)
-    return field._replace(warp=warp, covariance=np.where(lost[..., None], np.nan, field.covariance))
+        return values
+    return np.where(lost.reshape(lost.shape + (1,) * (values.ndim - 2)), np.nan, values)

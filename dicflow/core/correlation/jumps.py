@@ -124,7 +124,8 @@ def _within(mask: Mask, reach: int) -> Mask:
 
 def _reach(centres: Array, size: int) -> int:
     """Points of the grid within a subset's side, and two more."""
-    apart = np.linalg.norm(np.diff(centres, axis=1), axis=-1)
+    across, down = np.moveaxis(np.diff(centres, axis=1), -1, 0)
+    apart = np.hypot(across, down)
     apart = apart[apart > 0.0]
     return _BEYOND + (int(np.ceil(size / np.median(apart))) if len(apart) else 0)
 

@@ -55,7 +55,7 @@ def pair_points(rig: Rig, left: Photograph, right: Photograph, subset_size: int,
     noise = residual_noise(residual_variance(correlation.field)[valid], search.degree) if valid.any() else _UNKNOWN
     found = judge(first, correlation, search._replace(noise=max(noise, ROUNDING_NOISE)))
     kept = found.valid & all_finite(found.covariance + found.template_covariance)
-    return MatchedPoints(grid[kept], found.warp[kept][..., 0], found.template_covariance[kept], found.covariance[kept])
+    return MatchedPoints(grid[kept], found.warp[..., 0][kept], found.template_covariance[kept], found.covariance[kept])
 
 
 def _grid(shape: tuple[int, ...], subset_size: int) -> Array:

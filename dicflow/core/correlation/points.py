@@ -144,7 +144,7 @@ def carried_motion(found: FoundPoints, grid: Array, points: Array) -> Array:
     valid = found.valid & all_finite(grid)
     if valid.sum() < MIN_POINTS_FOR_MOTION or len(points) == 0:
         return np.full((*points.shape, 3), np.nan)
-    return warp_from_gradient(*local_motion(grid[valid], found.warp[valid][..., 0], points))
+    return warp_from_gradient(*local_motion(grid[valid], found.warp[..., 0][valid], points))
 
 
 def carried_outline(
@@ -172,7 +172,7 @@ def _carried_ring(found: FoundPoints, places: Array, cuts: Array, ring: Array) -
     valid = found.valid & all_finite(places)
     if len(cuts) == 0 or np.isnan(carried).any():
         return carried
-    source, target = places[valid], found.warp[valid][..., 0]
+    source, target = places[valid], found.warp[..., 0][valid]
     for k, near in enumerate(nearest(source, ring, min(_NEAR_CORNER, len(source)))[1]):
         own = near[sees(ring[k], source[near], cuts)]
         if MIN_POINTS_FOR_MOTION <= len(own) < len(near):

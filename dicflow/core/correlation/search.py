@@ -219,7 +219,7 @@ def _gain(own: Template, target: Spline, places: Array, field: Field) -> float:
     valid = field.status == Status.VALID
     if valid.sum() < _MIN_POINTS_FOR_GAIN:
         return 1.0
-    views = (own.grey, places[valid]), (target.image, field.warp[valid][..., 0])
+    views = (own.grey, places[valid]), (target.image, field.warp[..., 0][valid])
     here, there = (np.var(image[tuple(np.rint(at).astype(int).T[::-1])]) for image, at in views)
     return float(here / there) if here > 0.0 and there > 0.0 else 1.0
 
