@@ -92,6 +92,17 @@ def test_rasterise_is_contains_on_the_pixel_grid(radii, inner):
 
 
 @settings(max_examples=60)
+@given(outlines=st.lists(RADII, max_size=3), decimals=st.integers(0, 2))
+def test_rasterise_is_contains_for_polygons_that_overlap_and_for_none(outlines, decimals):
+    """Corners on whole pixels too."""
+    polygons = [
+        Polygon(star(radii, (40.0 - 9.0 * k, 30.0 + 7.0 * k)).round(decimals)) for k, radii in enumerate(outlines)
+    ]
+    x, y = np.meshgrid(np.arange(70.0), np.arange(60.0))
+    np.testing.assert_array_equal(rasterise(polygons, (60, 70)), contains(polygons, np.stack([x, y], axis=-1)))
+
+
+@settings(max_examples=60)
 @given(radii=RADII, inner=RADII, step_size=st.integers(1, 9))
 def test_grid_points_are_those_that_the_region_contains(radii, inner, step_size):
     polygons = [Polygon(star(radii), (star(np.array(inner) / 8).round(),))]
