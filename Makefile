@@ -41,7 +41,7 @@ faults: $(READY) ## kill, damage, fill up and race a store, hundreds of times; t
 fuzz: $(READY)  ## every reader of files on 500 changed files each, 13,000 in all; a few minutes
 	$(BIN)/python -m tests.fuzz
 
-check: $(READY) ## ruff, mypy and the bars of the code
+check: $(READY) ## ruff, mypy (of the benchmarks too) and the bars of the code
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy

@@ -16,7 +16,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import psutil
 
@@ -51,7 +51,7 @@ class Cost(NamedTuple):
     seconds: float
     cpu_s: float
     peak_bytes: int
-    said: dict
+    said: dict[str, Any]
 
 
 def cost(command: list[str]) -> Cost:

@@ -101,7 +101,7 @@ def figures(folder: Path) -> Iterator[Figure]:
 def _measured(path: Path, folder: Path) -> Iterator[Figure]:
     from playwright.sync_api import sync_playwright
 
-    command = [sys.executable, "-m", "dicflow", "app", path, "--no-browser"]
+    command = [sys.executable, "-m", "dicflow", "app", str(path), "--no-browser"]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment(folder)
     ) as app:

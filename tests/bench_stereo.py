@@ -6,6 +6,7 @@ import json
 import os
 import sys
 from collections.abc import Iterator
+from typing import Any
 
 import cv2
 import numpy as np
@@ -58,7 +59,7 @@ def photographs() -> None:
         (folder / "pipeline.yaml").write_text(PIPELINE)
 
 
-def _region() -> dict:
+def _region() -> dict[str, Any]:
     """1,200 × 1,000 px in the middle of the photograph."""
     x0, y0, x1, y1 = (SIZE[0] - 1200) // 2, (SIZE[1] - 1000) // 2, (SIZE[0] + 1200) // 2, (SIZE[1] + 1000) // 2
     ring = [[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]]
