@@ -29,7 +29,7 @@ Iterations = NDArray[np.int16]
 """Numbers of iterations."""
 
 
-def all_finite(values: Array, axes: int = 1) -> Mask:
+def all_finite(values: Array | Image, axes: int = 1) -> Mask:
     """Whether all numbers along the last axes are finite, as the coordinates of a place: (...) of (..., n) for one.
 
     Their sum tells it, ten times faster than a reduction over short axes; so it must not exceed the largest number.

@@ -36,7 +36,7 @@ _LAYOUTS = {
     "template_own": Layout(_SYMMETRIC, "px²", "the same with the shape function of this step, if it is another one"),
     "misfit": Layout(_SYMMETRIC, "px²", "share of the misfit of the subset in the covariance"),
     "passed": Layout(_SYMMETRIC, "px²", "share of reference steps in the covariance; none if missing"),
-    "slope": Layout(_GRADIENT, "1", "gradient of the motion from the reference photograph, the first one if missing"),
+    "slope": Layout(_GRADIENT, "1", "gradient of the motion from the reference photograph; as gradient if missing"),
     "course": Layout(_VECTOR, "px", "place, or the place expected by the last motion"),
     "motion": Layout(_VECTOR, "px", "last known motion of a step"),
     "part": Layout(GRID, "1", "number of the part of the region; a single part if missing"),
@@ -102,9 +102,7 @@ class FollowedPoints(Kind):
     @property
     def inherited_covariance(self) -> np.ndarray:
         """Share of reference steps in the covariance of the places (row, col, 3) [px²]."""
-        import numpy as np
-
-        return self["passed"] if "passed" in self else np.zeros((*self["xy"].shape[:-1], 3))
+        return self["passed"] if "passed" in self else 0.0 * self["covariance"]
 
     @property
     def slope(self) -> np.ndarray:

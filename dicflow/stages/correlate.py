@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
+    from dicflow.core.correlation.course import Course
     from dicflow.core.correlation.points import FoundPoints, ReferencePhotograph
     from dicflow.core.correlation.search import CorrelatedField, Search
     from dicflow.core.correlation.seed import Pairs
@@ -65,6 +66,7 @@ class _Ready(NamedTuple):
 
     first : the first left photograph
     points : of the previous step
+    course : of them, from step to step
     lost : (row, col) — points that are lost for good
     search : with the shape function and the noise of the previous step
     last, start : the previous and the first left photograph as reference photographs
@@ -72,6 +74,7 @@ class _Ready(NamedTuple):
 
     first: _First
     points: Correlation
+    course: Course
     lost: np.ndarray
     search: Search
     last: ReferencePhotograph
@@ -152,12 +155,13 @@ class Correlate(SubsetSearch):
             self.thread_count,
             partial(_left_photograph, images),
             partial(self._first, images_first, region),
-            lambda: points.as_reference(_left_photograph(images_before)),
+            partial(_as_reference, points, images_before),
         )
         pairs = None if matches is None else Matches.read(matches).pairs
         return self._next_step(image, self._ready(first, points, last), pairs)
 
     def _first(self, images: Product, region: Product) -> _First:
+        """The first left photograph, and the grid of points in its region."""
         from dicflow.core.photographs.region import carry, grid_points, interior, parts_of_region
 
         chosen, image = Region.read(region), _left_photograph(images)
@@ -211,17 +215,19 @@ class Correlate(SubsetSearch):
         from dicflow.core.correlation.search import first_photograph
         from dicflow.core.status import Status
 
-        lost = ~all_finite(points.course.place)
+        course = points.course
+        lost = ~all_finite(course.place)
         grid = np.where(lost[..., None], np.nan, first.parts.places)
         search = self._search(points.noise.grey, first, self._usual_shape(points))._replace(reach_px=points.reach_px)
         search = search._replace(jumps=points["status"] == Status.DISCONTINUITY)
-        return _Ready(first, points, lost, search, last, first_photograph(first.image, first.region, grid, search))
+        start = first_photograph(first.image, first.region, grid, search)
+        return _Ready(first, points, course, lost, search, last, start)
 
     def _next_step(self, image: Photograph, ready: _Ready, pairs: Pairs | None) -> Product:
         """The points in every other photograph."""
         import numpy as np
 
-        from dicflow.core.correlation.course import Course, next_course
+        from dicflow.core.correlation.course import next_course
         from dicflow.core.threads import at_once
 
         first, before = ready.first, ready.points
@@ -231,13 +237,13 @@ class Correlate(SubsetSearch):
         found, said = (found, {}) if found.valid.any() else _all_lost(found, image.grey)
         shape, threads = searched.search.subset.shape_function, self.thread_count
 
-        def carried() -> tuple[Sequence[Polygon], dict[str, Any], Course]:
+        def followed() -> tuple[Sequence[Polygon], dict[str, Any], Course]:
             polygons = before.outline(first.outline, found, first.parts)
-            course = next_course(before.course, before["xy"], found.warp[..., 0])
+            course = next_course(ready.course, before["xy"], found.warp[..., 0])
             return polygons, self._facts(found, searched.noise, image, polygons), course
 
         left_out = partial(self._left_out, searched, shape, first, threads)
-        bias, (polygons, facts, course) = at_once(threads, left_out, carried)
+        bias, (polygons, facts, course) = at_once(threads, left_out, followed)
         product = Correlation.write(
             found,
             course,
@@ -262,14 +268,14 @@ class Correlate(SubsetSearch):
         from dicflow.core.correlation.material import follow_step, search_again, search_directly
         from dicflow.core.correlation.search import first_photograph
 
-        first, points, _, search, last, start = ready
+        first, points, search, start = ready.first, ready.points, ready.search, ready.start
         before = noise = points.noise
         reference_step = points.reference_step
-        direct = search_directly(start, reference_step, last, image, search, pairs)
+        direct = search_directly(start, reference_step, ready.last, image, search, pairs)
         if not before.is_final:
             noise = self._measured_noise(before, (direct.correlation, start.origin, search), first, image.grey)
             search = search._replace(noise=self._level(noise.grey, first))
-        updating, expected = self.reference.updating(), points.course.expected
+        updating, expected = self.reference.updating(), ready.course.expected
         found, reference = follow_step(start, reference_step, direct, search, updating, expected)
         used, grid_px = search.subset.shape_function, (self.subset_size, self.step_size)
         is_open = self.shape_function == "auto"
@@ -364,6 +370,10 @@ class Correlate(SubsetSearch):
             "image_size": [width, height],
             "summary": step_summary(found, noise, overexposed),
         }
+
+
+def _as_reference(points: Correlation, images: Product) -> ReferencePhotograph:
+    return points.as_reference(_left_photograph(images))
 
 
 def _left_photograph(images: Product) -> Photograph:

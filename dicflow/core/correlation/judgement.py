@@ -12,7 +12,7 @@ from dicflow.core.correlation.chain import chained, uncancelled_noise
 from dicflow.core.correlation.edges import find_edges, residual_variance, usual_residual
 from dicflow.core.correlation.follow import Field
 from dicflow.core.correlation.jumps import find_jumps
-from dicflow.core.correlation.misfit import misfit_covariance, misfit_samples, misfit_share
+from dicflow.core.correlation.misfit import misfit_covariance, misfit_stride, sampled_misfit
 from dicflow.core.correlation.points import DIRECT, VIA_REFERENCE_STEP, FoundPoints, ReferencePhotograph
 from dicflow.core.correlation.search import CorrelatedField, Search, correlate_points
 from dicflow.core.correlation.warp import gradient
@@ -65,18 +65,18 @@ def judge(
 
     Points at edges are lost with the status that says why: MISFIT, UNEVEN_LIGHT or DISCONTINUITY.
     """
-    residuals = partial(_by_residuals, reference, correlation, search, usual)
-    places = partial(_by_noise, reference, correlation, search, route)
-    (field, edge_variance, misfit), noise = at_once(search.threads, residuals, places)
+    with_residuals = partial(_by_residuals, reference, correlation, search, usual)
+    with_noise = partial(_by_noise, reference, correlation, search, route)
+    told, of_all = at_once(search.threads, with_residuals, with_noise)
+    field = told.field
     lost = (field.status != Status.VALID) & (correlation.field.status == Status.VALID)
-    noise = _Noise(*(_without(values, lost) for values in noise))
+    noise = _Noise(*(_without(values, lost) for values in of_all))
     covariance, by_misfit = noise.covariance, 0.0 * noise.covariance
-    if misfit is not None:
-        share, samples = misfit
-        by_misfit = congruent(noise.slope, misfit_covariance(share, samples, noise.unit))
+    if told.misfit is not None:
+        by_misfit = congruent(noise.slope, misfit_covariance(told.misfit, told.stride, noise.unit))
         covariance = covariance + by_misfit
-    if search.counts_misfit and edge_variance.any():
-        covariance = covariance + congruent(noise.slope, edge_variance[..., None] * np.array([1.0, 0.0, 1.0]))
+    if search.counts_misfit and told.edge_variance.any():
+        covariance = covariance + congruent(noise.slope, told.edge_variance[..., None] * np.array([1.0, 0.0, 1.0]))
     return FoundPoints(
         noise.warp,
         field.znssd,
@@ -87,13 +87,13 @@ def judge(
         noise.template,
         noise.inherited,
         noise.slope,
-        residual_variance(field),
+        _without(told.residual, lost),
         by_misfit,
     )
 
 
 class _Noise(NamedTuple):
-    """What noise does to the points (rows, cols) of a field, those at edges too.
+    """What noise does to the points (rows, cols) of a field; NaN where there are none.
 
     warp : (…, 2, m) — from the first photograph
     slope : (…, 2, 2) — gradient of the motion from the reference photograph
@@ -112,13 +112,12 @@ class _Noise(NamedTuple):
 
 
 def _by_noise(reference: ReferencePhotograph, correlation: CorrelatedField, search: Search, route: int) -> _Noise:
-    """What noise does to the points that were found."""
+    """What noise does to the points that were found, those at edges too."""
     field, centres, damping = correlation.field, correlation.centres, correlation.damping
     noise = 0.5 * search.noise**2 * field.covariance
     slope = gradient(field.warp, reference.points - centres)
-    inherited = reference.inherited_covariance
-    if inherited.any():
-        inherited = congruent(slope, inherited)
+    inherits = reference.inherited_covariance.any()
+    inherited = congruent(slope, reference.inherited_covariance) if inherits else 0.0 * noise
     if route == VIA_REFERENCE_STEP:
         remaining = uncancelled_noise(reference.slope, field.warp.shape[-1], search.degree)
         inherited = inherited + (damping.template * remaining)[..., None] * noise
@@ -138,39 +137,45 @@ def _target_noise(slope: Array, correlation: CorrelatedField, search: Search) ->
     return ratio * interpolated_noise_ratio(slope, search.degree)
 
 
+class _Residuals(NamedTuple):
+    """What the residuals of a field tell.
+
+    field : with the reasons of points at edges, and without their warps
+    residual : (rows, cols) — variance of the residuals [grey levels²]
+    edge_variance : (rows, cols) — further variance of the places near edges [px²]
+    misfit, stride : for :func:`misfit_covariance`; None where it does not count
+    """
+
+    field: Field
+    residual: Array
+    edge_variance: Array
+    misfit: Array | None = None
+    stride: int = 1
+
+
 def _by_residuals(
     reference: ReferencePhotograph, correlation: CorrelatedField, search: Search, usual: float
-) -> tuple[Field, Array, tuple[Array, tuple[slice, slice]] | None]:
-    """What residuals tell: the field without points at edges, the further variance (rows, cols) of those near them
-    [px²], and the misfit as :func:`_misfit` has it.
-    """
-    field, edge_variance = _without_edges(reference, correlation, search, usual)
-    return field, edge_variance, _misfit(reference, correlation, field, edge_variance, search)
-
-
-def _misfit(
-    reference: ReferencePhotograph, correlation: CorrelatedField, field: Field, edge_variance: Array, search: Search
-) -> tuple[Array, tuple[slice, slice]] | None:
-    """Share of the misfit and the points that tell it, for :func:`misfit_covariance`; None where it does not count.
-
-    field : without the subsets at edges; edge_variance : (rows, cols) — of those near them [px²]
-    """
+) -> _Residuals:
+    """What residuals tell of the points that were found; those at edges tell nothing of the misfit."""
+    told = _without_edges(reference, correlation, search, usual)
     if not search.counts_misfit:
-        return None
-    some = misfit_samples((edge_variance == 0.0) & np.isfinite(field.warp[..., 0, 0]))
-    centres, points, warp = correlation.centres[some], reference.points[some], field.warp[some]
-    warp = np.where((edge_variance[some] > 0.0)[..., None, None], np.nan, warp)
+        return told
+    near_edge = told.edge_variance > 0.0
+    stride = misfit_stride(np.isfinite(told.field.warp[..., 0, 0]) & ~near_edge)
+    some = slice(None, None, stride), slice(None, None, stride)
+    centres, points = correlation.centres[some], reference.points[some]
+    warp = _without(told.field.warp[some], near_edge[some])
     target = _target_noise(gradient(warp, points - centres), correlation, search)
     noise = search.noise**2 * (correlation.damping.template + target)
     pair = correlation.template, correlation.target
-    share = misfit_share(*pair, centres - reference.origin, warp, search.subset, noise, search.threads)
-    return (share, some) if share.any() else None
+    misfit = sampled_misfit(*pair, centres - reference.origin, warp, search.subset, noise, search.threads)
+    return told._replace(misfit=misfit, stride=stride) if misfit.any() else told
 
 
 def _without_edges(
     reference: ReferencePhotograph, correlation: CorrelatedField, search: Search, usual: float
-) -> tuple[Field, Array]:
-    """The field without subsets at edges, and the further variance (rows, cols) of those near them [px²]."""
+) -> _Residuals:
+    """The field without the points at edges, and the further variance of those near them."""
     field, pair = correlation.field, (correlation.template, correlation.target)
     places = correlation.centres - reference.origin
     noise_variance = search.noise**2 * (1.0 + correlation.gain * search.target_noise_ratio**2)
@@ -186,8 +191,7 @@ def _without_edges(
         no_gaussian = ~lost & (residual - noise_variance > _MOST_LEFT * field.texture[..., 0])
         status[np.isin(status, UNEXPLAINED) | no_gaussian] = Status.BLURRED
         lost |= no_gaussian
-    warp, covariance = _without(field.warp, lost), _without(field.covariance, lost)
-    return field._replace(status=status, warp=warp, covariance=covariance), edges.variance
+    return _Residuals(field._replace(status=status, warp=_without(field.warp, lost)), residual, edges.variance)
 
 
 def _without(values: Array, lost: Mask) -> Array:

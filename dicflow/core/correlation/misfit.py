@@ -34,7 +34,7 @@ from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.tensors import upper_triangle
 from dicflow.core.threads import over
 
-__all__ = ["PlaceCovariances", "misfit_covariance", "misfit_samples", "misfit_share", "place_covariances"]
+__all__ = ["PlaceCovariances", "misfit_covariance", "misfit_stride", "place_covariances", "sampled_misfit"]
 
 
 _CHUNK = 64
@@ -65,44 +65,43 @@ class PlaceCovariances(NamedTuple):
     noise: Array
 
 
-def misfit_samples(found: Mask) -> tuple[slice, slice]:
-    """The points of a grid of which :func:`misfit_share` takes the subsets. found : (rows, cols) bool"""
-    every = slice(None, None, max(1, int(np.ceil(np.sqrt(found.sum() / _MAX_SAMPLES)))))
-    return every, every
+def misfit_stride(found: Mask) -> int:
+    """Every so many points of a grid along both axes give a sample of the misfit. found : (rows, cols) bool"""
+    return max(1, int(np.ceil(np.sqrt(found.sum() / _MAX_SAMPLES))))
 
 
-def misfit_share(
+def sampled_misfit(
     reference: Template, target: Spline, centres: Array, warp: Array, subset: Subset, noise: Array, threads: int = 1
 ) -> Array:
-    """Covariance (rows, cols, 3) of the places of sampled subsets by misfit beyond the noise [grey levels²].
+    """Variance (rows, cols, 3) of white noise that would move sampled subsets as their misfit does [grey levels²].
 
     centres : (rows, cols, 2) — whole pixels of the template; warp : (rows, cols, 2, 3 or 6); NaN where not found
     noise : (rows, cols) — variance of the noise of both photographs [grey levels²]
 
-    The unit is what white noise of one grey level does to the places, along either axis. Twice the standard error is
-    subtracted, so that chance alone rarely counts as misfit.
+    Misfit is what residuals do beyond the noise. Twice its standard error is subtracted, so that chance alone rarely
+    counts as misfit.
     """
     rows, cols = noise.shape
     whole_pixels = np.nan_to_num(centres.reshape(-1, 2)).astype(np.int64)
-    of_places = place_covariances(reference, target, whole_pixels, warp.reshape(-1, *warp.shape[2:]), subset, threads)
-    residual, white = of_places
+    warps = warp.reshape(-1, *warp.shape[2:])
+    residual, white = place_covariances(reference, target, whole_pixels, warps, subset, threads)
     excess = _in_units(residual - noise.reshape(-1, 1, 1) * white, white)
     doubled_errors = 2.0 * _standard_errors(excess)
     values, axes = np.linalg.eigh(_smooth(excess.reshape(rows, cols, 2, 2)) - np.diag(doubled_errors))
     return upper_triangle((axes * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2))
 
 
-def misfit_covariance(share: Array, samples: tuple[slice, slice], unit: Array) -> Array:
+def misfit_covariance(samples: Array, stride: int, unit: Array) -> Array:
     """Covariance (rows, cols, 3) of the places of a grid of subsets by misfit [px² of the template].
 
-    share : of the ``samples`` (:func:`misfit_share`); it holds for their neighbours too
+    samples : of every so many subsets (:func:`sampled_misfit`), which hold for their neighbours too
     unit : (rows, cols, 3) — covariance of the places for white noise of one grey level in one photograph
     """
-    rows, cols = (np.arange(count) // (part.step or 1) for count, part in zip(unit.shape, samples, strict=False))
+    row, col = (np.arange(count) // stride for count in unit.shape[:2])
     x, y = np.sqrt(unit[..., 0]), np.sqrt(unit[..., 2])
     found = np.empty(unit.shape)
     for term, square in enumerate((unit[..., 0], x * y, unit[..., 2])):
-        found[..., term] = share[..., term][rows[:, None], cols] * square
+        found[..., term] = samples[..., term][row[:, None], col] * square
     return found
 
 
@@ -260,7 +259,7 @@ def _fitted_share(by_point: Image, gain: Image) -> Image:
 
 
 def _summed_power(values: Array | Image | Mask) -> Array:
-    """Sum of the power spectra (row, col) of squares of pixels (..., pixel), as those of :func:`_waves`."""
+    """Sum of the power spectra (row, col) of squares of pixels (..., pixel), as those of :func:`_transform`."""
     squares, side = _squares(values)
     total = np.zeros((side, side, 2), dtype=np.float32)
     for wave in _waves(squares, side):

@@ -1,4 +1,4 @@
-"""The subsets of a reference photograph searched for in a target, with the covariance of the places found."""
+"""The subsets of a reference photograph searched for in a target."""
 
 from __future__ import annotations
 
@@ -11,11 +11,7 @@ from dicflow.core.arrays import Array, Grey, Image, Mask, all_finite
 from dicflow.core.correlation.blur import Damping, equally_sharp
 from dicflow.core.correlation.edges import residual_variance
 from dicflow.core.correlation.follow import Field, correlate_field
-from dicflow.core.correlation.points import (
-    FoundPoints,
-    ReferencePhotograph,
-    cropped,
-)
+from dicflow.core.correlation.points import FoundPoints, ReferencePhotograph, cropped
 from dicflow.core.correlation.subsets import OwnSubsets, Subset, describe, with_sums
 from dicflow.core.correlation.template import Template, template, with_usable
 from dicflow.core.correlation.warp import gradient, identity, warp_from_gradient

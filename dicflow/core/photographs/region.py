@@ -194,8 +194,10 @@ def rasterise(polygons: Sequence[Polygon], shape: tuple[int, int]) -> Mask:
 def _grid_inside(polygons: Sequence[Polygon], x: Array, y: Array) -> Mask:
     """Which places of a grid with rising axes (cols,) and (rows,) lie in the region, (rows, cols).
 
-    Where an edge crosses a row, the places beyond change sides.
+    Where an edge crosses a row, the places beyond change sides. Whole columns take it from the one before at once.
     """
+    if not (len(x) and len(y)):
+        return np.zeros((len(y), len(x)), dtype=np.bool_)
     rings = [np.empty((0, 2)), *(ring for polygon in polygons for ring in polygon.rings)]
     starts, ends = np.concatenate(rings), np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     first, last = np.searchsorted(y, np.sort([starts[:, 1], ends[:, 1]], axis=0))
@@ -203,12 +205,12 @@ def _grid_inside(polygons: Sequence[Polygon], x: Array, y: Array) -> Mask:
     row = np.arange(len(edge)) - np.repeat(np.cumsum(last - first) - last, last - first)
     (ax, ay), (bx, by) = starts[edge].T, ends[edge].T
     crossing = ax + (y[row] - ay) * ((bx - ax) / (by - ay))
-    toggles = np.zeros((len(x) + 1, len(y)), dtype=np.uint8)
-    np.bitwise_xor.at(toggles, (np.searchsorted(x, crossing), row), 1)
-    left, top, across, down = cv2.boundingRect(toggles)
-    for before, after in pairwise(toggles[top : top + down, left : left + across]):
+    by_column = np.zeros((len(x) + 1, len(y)), dtype=np.uint8)
+    np.bitwise_xor.at(by_column, (np.searchsorted(x, crossing), row), 1)
+    top, left, height, width = cv2.boundingRect(by_column)
+    for before, after in pairwise(by_column[left : left + width, top : top + height]):
         after ^= before
-    return np.asarray(cv2.transpose(toggles[: len(x)])).reshape(len(y), len(x)).view(np.bool_)
+    return np.asarray(cv2.transpose(by_column[: len(x)])).view(np.bool_)
 
 
 def densify(ring: Array, spacing_px: float) -> Array:

@@ -82,7 +82,7 @@ def saturation_level(image: Grey) -> float:
 def saturated_share(image: Grey, mask: Mask) -> float:
     """Share of the mask's pixels that are saturated; NaN for an empty mask."""
     pixels = np.count_nonzero(mask)
-    return np.count_nonzero(mask & (image > saturation_level(image))) / pixels if pixels else float("nan")
+    return float(np.count_nonzero(mask & (image > saturation_level(image))) / pixels) if pixels else float("nan")
 
 
 def speckle_size(image: Grey, mask: Mask) -> float:

@@ -53,7 +53,7 @@ _MAX_BIASED = 0.03
 _STANDARD_ERRORS = 2.0
 """Standard errors by which the bias of a point must exceed that."""
 _LEAST_SHARE = np.float32(1e-6)
-"""Weight of the neighbours that count, over that of all, below which their mean is less than it would be."""
+"""Weight of the neighbours that count, over that of all, below which their mean fades to 0."""
 _DEGREES: dict[ShapeFunction, int] = {"affine": 1, "quadratic": 2}
 _QUADRATIC_VARIANCE = 1.0 + 5.0 / 4.0 + 5.0 / 4.0
 """Variance of the place of a quadratic subset over that of an affine one, of white noise and an even pattern."""
@@ -106,7 +106,7 @@ def shape_bias(
     if parts is None or parts.is_single:
         return _of_part(found, (subset_size, step_size), shape_function, jumps, threads)
     disturbed = beside_borders(parts) if jumps is None else beside_borders(parts) | jumps
-    whole = ShapeBias(*np.full((3, *found.places.shape), np.nan))
+    whole = ShapeBias(*np.full((3, *found.places.shape), np.nan, dtype=np.float32))
     for number in range(1, int(parts.number.max()) + 1):
         here = (parts.number == number)[..., None]
         alone = found._replace(places=np.where(here, found.places, np.nan))
@@ -143,17 +143,19 @@ class _Differences(NamedTuple):
 
     excess : (…, 3) — squares of the biases less the noise, along both axes [px²], and 1, where they count; else 0
     noise : (…, 2) — variances of the biases [px²]; NaN where these are unknown
+    known : (…) — at which points the bias is known
     """
 
     excess: Image
     noise: Image
+    known: Mask
     side: int
 
     def mean_square(self, sigma: float) -> Image:
         """Mean of squares over the neighbours, less noise. sigma : of their weights [sides of the window]"""
         sums = cv2.GaussianBlur(self.excess, (0, 0), sigma * self.side, borderType=cv2.BORDER_CONSTANT)
         share = np.maximum(sums[..., 2:], _LEAST_SHARE)
-        return np.asarray(sums[..., :2] / share + np.float32(0.0) * self.noise)
+        return np.where(self.known[..., None], sums[..., :2] / share, np.float32(np.nan))
 
 
 def _differences(
@@ -164,7 +166,10 @@ def _differences(
     disturbed: Mask | None,
     side: int,
 ) -> _Differences:
-    """Biases by fits in a window of a side [points], of subsets of a size, so many pixels apart."""
+    """What fits in a window of a side [points] and the places of subsets differ by.
+
+    variance : of the places by noise [px²]; grid : side of the subsets, distance of the points [px]
+    """
     size, step = grid
     ratio = _left_out(side, step, shape_function) / _left_out(size, 1, shape_function)
     fit = local_polynomial(places, (side, side), _DEGREES[shape_function])
@@ -178,7 +183,8 @@ def _differences(
     excess = np.empty((*counts.shape, 3), dtype=np.float32)
     excess[..., :2] = np.where(counts[..., None], square, np.float32(0.0))
     excess[..., 2] = counts
-    return _Differences(excess, noise + np.float32(0.0) * bias, side)
+    known = all_finite(bias)
+    return _Differences(excess, np.where(known[..., None], noise, np.float32(np.nan)), known, side)
 
 
 def _as_around(variance: Array, side: int) -> Image:

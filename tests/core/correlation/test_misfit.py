@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scenes import texture
 
-from dicflow.core.correlation.misfit import misfit_covariance, misfit_samples, misfit_share, place_covariances
+from dicflow.core.correlation.misfit import misfit_covariance, misfit_stride, place_covariances, sampled_misfit
 from dicflow.core.correlation.subsets import Subset, correlate
 from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import identity
@@ -71,9 +71,10 @@ def test_white_noise_is_not_misfit_and_correlated_noise_is():
         warp[:3, :3] = np.nan
         level = np.full(GRID.shape[:2], 2.0 * NOISE**2)
         unit = 0.5 * found.covariance.reshape(*GRID.shape[:2], 3)
-        some = misfit_samples(np.isfinite(warp[..., 0, 0]))
-        share = misfit_share(reference, target, GRID[some], warp[some], subset, level[some])
-        misfit = misfit_covariance(share, some, unit)
+        stride = misfit_stride(np.isfinite(warp[..., 0, 0]))
+        some = slice(None, None, stride), slice(None, None, stride)
+        samples = sampled_misfit(reference, target, GRID[some], warp[some], subset, level[some])
+        misfit = misfit_covariance(samples, stride, unit)
         assert misfit.shape == (*GRID.shape[:2], 3)
         assert np.isfinite(misfit).all()
         share = misfit.mean(axis=(0, 1)) / (NOISE**2 * found.covariance.mean(axis=0))

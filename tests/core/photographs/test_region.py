@@ -102,6 +102,15 @@ def test_rasterise_is_contains_for_polygons_that_overlap_and_for_none(outlines, 
     np.testing.assert_array_equal(rasterise(polygons, (60, 70)), contains(polygons, np.stack([x, y], axis=-1)))
 
 
+@pytest.mark.parametrize("shape", [(0, 8), (8, 0), (0, 0)])
+def test_an_image_without_pixels_has_none_in_a_region(shape):
+    assert rasterise(FRAME, shape).shape == shape
+
+
+def test_a_region_between_two_columns_of_pixels_has_no_grid():
+    assert grid_points([rectangle(10.2, 5.0, 10.8, 50.0)], 7).shape[1] == 0
+
+
 @settings(max_examples=60)
 @given(radii=RADII, inner=RADII, step_size=st.integers(1, 9))
 def test_grid_points_are_those_that_the_region_contains(radii, inner, step_size):

@@ -97,3 +97,13 @@ def test_parts_are_asked_one_by_one():
     opened = PlacesOfSubsets(measured(np.where(number == 2, 0.5, 0.0)) + noise(0), VARIANCE)
     parts = Parts(number, np.stack([X, Y], axis=-1), np.zeros((0, 4)))
     assert affine_suffices(shape_bias(opened, SUBSET, STEP, "affine", parts), VARIANCE)
+
+
+def test_a_bias_is_known_where_a_place_is_even_without_its_variance():
+    places, variance = measured(0.02 * X) + noise(3), VARIANCE.copy()
+    variance[40:44, 50:53] = np.nan
+    found = shape_bias(PlacesOfSubsets(places, variance), SUBSET, STEP, "affine")
+    assert np.isfinite(found.nearest).all()
+    number = np.where(np.arange(len(X))[:, None] < 60, 1, 2) * np.ones(X.shape, dtype=int)
+    parts = Parts(number, np.stack([X, Y], axis=-1), np.zeros((0, 4)))
+    assert shape_bias(PlacesOfSubsets(places, VARIANCE), SUBSET, STEP, "affine", parts).nearest.dtype == np.float32
