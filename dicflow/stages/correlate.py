@@ -14,7 +14,7 @@ from dicflow.kinds.correlation import Correlation, SubsetGrid
 from dicflow.kinds.images import Images
 from dicflow.kinds.matches import Matches
 from dicflow.kinds.region import Region
-from dicflow.stages._lost import lost_status, lost_warning
+from dicflow.stages._lost import lost_status, lost_warning, no_subset
 from dicflow.stages._parameters import large_subset
 from dicflow.stages._pattern import pattern_of_region, repetition_facts, repetition_of_region
 from dicflow.stages._shape import left_out, needed_shape
@@ -189,7 +189,7 @@ class Correlate(SubsetSearch):
         covariance = level**2 * of_unit_noise.covariance
         found = of_unit_noise._replace(covariance=covariance, template_covariance=covariance)
         if not found.valid.any():
-            raise StageError(self._no_subset(first.region, found.status))
+            raise StageError(no_subset(first.region, found.status, self.subset_size, self.min_share))
         exact = found._replace(covariance=0.0 * found.covariance)
         place = exact.warp[..., 0]
         product = Correlation.write(
@@ -337,24 +337,6 @@ class Correlate(SubsetSearch):
             partial(noise_of_residual, direct[0], self.spline_degree, size),
         )
         return noise_from_pair(noise, *views, points, by_places, pixels=size**2, smoothing_px=self.smoothing)
-
-    def _no_subset(self, region: np.ndarray, status: np.ndarray) -> str:
-        """The message if no subset of the first photograph can be followed."""
-        import cv2
-
-        from dicflow.core.status import Status
-
-        if (status == Status.OVEREXPOSED).sum() > (status == Status.CUT_SUBSET).sum():
-            return (
-                f"no subset of {self.subset_size} px has enough pixels that are neither white nor black nor hidden in "
-                "the first left photograph; change the exposure, or take a larger subset_size"
-            )
-        _, _, width, height = cv2.boundingRect(region.astype("uint8"))
-        return (
-            f"no subset of {self.subset_size} px has {self.min_share:.0%} of its pixels inside the region "
-            f"({width} × {height} px); take a subset_size of {max(5, min(width, height) // 2) | 1} px, or a larger "
-            "region"
-        )
 
     def _facts(
         self, found: FoundPoints, noise: Noise, image: Photograph, polygons: Sequence[Polygon]
