@@ -6,23 +6,39 @@ the place that the first one led to, so the material point is at a small offset 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from dicflow.core.arrays import Array
-from dicflow.core.correlation.warp import TERMS, apply_warp, gradient
+from dicflow.core.correlation.warp import TERMS, expanded
+from dicflow.core.kernels import KERNEL
 from dicflow.core.photographs.noise import interpolated_noise_ratio
-from dicflow.core.tensors import product
 
-__all__ = ["chained", "uncancelled_noise"]
+__all__ = ["Chained", "chained", "uncancelled_noise"]
 
 
+_AXES = (-2, -2, -1, -2, -2)
+"""Axes of one point in what is given to the kernel."""
 _SAMPLES_PER_SIDE = 15
 """Places along the side of a subset at which its overlap with another one is sampled."""
 
 
-def chained(first: Array, second: Array, centres: npt.ArrayLike) -> Array:
-    """Warps (..., 2, m) of the subsets of ``first`` in the target of ``second``.
+class Chained(NamedTuple):
+    """Two motions as one.
+
+    warp : (..., 2, m) — of the subsets of the first motion in the target of the second one
+    slope : (..., 2, 2) — gradient of the second motion at the points
+    """
+
+    warp: Array
+    slope: Array
+
+
+def chained(first: Array, second: Array, centres: npt.ArrayLike) -> Chained:
+    """Two motions of points (...) as one.
 
     first : (..., 2, m) — from the first photograph to the reference step
     second : (..., 2, 3 or 6) — from the reference step to the target
@@ -31,18 +47,29 @@ def chained(first: Array, second: Array, centres: npt.ArrayLike) -> Array:
     With x(ξ) = x₀ + A ξ + q(ξ) and z(o) expanded about o₀ = x₀ − centre, z(x(ξ)) = z(o₀) + G (A ξ + q(ξ)) + Q(A ξ) to
     second order, where G is the gradient of z at o₀ and Q its quadratic part.
     """
-    offset = first[..., 0] - np.asarray(centres, dtype=np.float64)
-    slope = gradient(second, offset)
-    total = np.empty(np.broadcast_shapes(first.shape[:-1], second.shape[:-1]) + first.shape[-1:])
-    total[..., 0] = apply_warp(second, offset)
-    total[..., 1:] = product(slope, first[..., 1:])
-    if first.shape[-1] == second.shape[-1] == TERMS["quadratic"]:
-        (a, b), (e, f) = (np.moveaxis(first[..., axis, 1:3], -1, 0)[..., None] for axis in (0, 1))
-        xx, xy, yy = second[..., 3], second[..., 4], second[..., 5]
-        total[..., 3] += xx * a * a + xy * a * e + yy * e * e
-        total[..., 4] += 2.0 * xx * a * b + xy * (a * f + b * e) + 2.0 * yy * e * f
-        total[..., 5] += xx * b * b + xy * b * f + yy * f * f
-    return total
+    found = Chained(np.empty(first.shape), np.empty((*first.shape[:-1], 2)))
+    given = (np.ascontiguousarray(values, dtype=np.float64) for values in (first, second, centres))
+    _chain(*(values.reshape(-1, *values.shape[axes:]) for values, axes in zip((*given, *found), _AXES, strict=True)))
+    return found
+
+
+@njit(**KERNEL)
+def _chain(first: Array, second: Array, centres: Array, warp: Array, slope: Array) -> None:
+    """The loop of :func:`chained` over points (n, …), into ``warp`` and ``slope``."""
+    terms = first.shape[2]
+    for k in range(len(first)):
+        x, y = first[k, 0, 0] - centres[k, 0], first[k, 1, 0] - centres[k, 1]
+        a, b, e, f = first[k, 0, 1], first[k, 0, 2], first[k, 1, 1], first[k, 1, 2]
+        for axis in range(2):
+            c = second[k, axis]
+            place, by_x, by_y = expanded(c, x, y)
+            warp[k, axis, 0], slope[k, axis, 0], slope[k, axis, 1] = place, by_x, by_y
+            for m in range(1, terms):
+                warp[k, axis, m] = by_x * first[k, 0, m] + by_y * first[k, 1, m]
+            if terms == 6 and len(c) == 6:
+                warp[k, axis, 3] += c[3] * a * a + c[4] * a * e + c[5] * e * e
+                warp[k, axis, 4] += 2.0 * c[3] * a * b + c[4] * (a * f + b * e) + 2.0 * c[5] * e * f
+                warp[k, axis, 5] += c[3] * b * b + c[4] * b * f + c[5] * f * f
 
 
 def uncancelled_noise(slope: Array, terms: int, degree: int) -> Array:

@@ -115,7 +115,7 @@ def _by_noise(reference: ReferencePhotograph, correlation: CorrelatedField, sear
     """What noise does to the points that were found, those at edges too."""
     field, centres, damping = correlation.field, correlation.centres, correlation.damping
     noise = 0.5 * search.noise**2 * field.covariance
-    slope = gradient(field.warp, reference.points - centres)
+    warp, slope = chained(reference.warp, field.warp, centres)
     inherits = reference.inherited_covariance.any()
     inherited = congruent(slope, reference.inherited_covariance) if inherits else 0.0 * noise
     if route == VIA_REFERENCE_STEP:
@@ -123,7 +123,6 @@ def _by_noise(reference: ReferencePhotograph, correlation: CorrelatedField, sear
         inherited = inherited + (damping.template * remaining)[..., None] * noise
     target = _target_noise(slope, correlation, search)
     covariance = inherited + (target + damping.excess)[..., None] * noise
-    warp = chained(reference.warp, field.warp, centres)
     template = congruent(inverse(warp[..., 1:3]), damping.template * noise)
     return _Noise(warp, slope, covariance, inherited, template, 0.5 * congruent(inverse(slope), field.covariance))
 

@@ -150,7 +150,7 @@ def _starting_warps(
         places = reference.points - reference.origin
         views, settings = (reference.image.grey, image), (search.parts, search.reach_px)
         motion = seed_warps(*views, places, in_crop, *settings, reference.origin, search.threads)
-        starts = chained(reference.warp[..., :3], motion, reference.points)
+        starts = chained(reference.warp[..., :3], motion, reference.points).warp
         if np.isfinite(starts[..., 0, 0]).any():
             break
     return starts

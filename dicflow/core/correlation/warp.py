@@ -20,6 +20,7 @@ __all__ = [
     "TERMS",
     "ShapeFunction",
     "apply_warp",
+    "expanded",
     "gradient",
     "identity",
     "recentred",
@@ -47,8 +48,10 @@ def warp_from_gradient(places: npt.ArrayLike, slope: npt.ArrayLike, shape_functi
     return warp
 
 
-def gradient(warp: Array, offset: npt.ArrayLike = (0.0, 0.0)) -> Array:
-    """∂x/∂ξ (..., 2, 2) at offsets (..., 2) [px] from the centres."""
+def gradient(warp: Array, offset: npt.ArrayLike | None = None) -> Array:
+    """∂x/∂ξ (..., 2, 2) at offsets (..., 2) [px] from the centres, or at these."""
+    if offset is None:
+        return warp[..., 1:3].copy()
     offset = np.asarray(offset, dtype=np.float64)
     slope = np.broadcast_to(warp[..., 1:3], (*np.broadcast_shapes(warp.shape[:-2], offset.shape[:-1]), 2, 2)).copy()
     if warp.shape[-1] == TERMS["quadratic"]:
@@ -81,15 +84,21 @@ def recentred(warp: Array, offset: npt.ArrayLike) -> Array:
 
 
 @njit(**INNER)
+def expanded(c: Array, x: float, y: float) -> tuple[float, float, float]:
+    """The value of a polynomial with the coefficients c (3 or 6) at (x, y) and its derivatives by x and y."""
+    place, by_x, by_y = c[0] + c[1] * x + c[2] * y, c[1], c[2]
+    if len(c) == 6:
+        place += c[3] * x * x + c[4] * x * y + c[5] * y * y
+        by_x, by_y = by_x + 2.0 * c[3] * x + c[4] * y, by_y + c[4] * x + 2.0 * c[5] * y
+    return place, by_x, by_y
+
+
+@njit(**INNER)
 def set_recentred(warp: Array, x: float, y: float, values: Array, n: int) -> None:
     """Set column n of ``values`` (2 m, …) to the coefficients (2, m) of a warp, taken about (x, y) from its centre."""
     terms = warp.shape[1]
     for axis in range(2):
         c, first = warp[axis], axis * terms
-        place, by_x, by_y = c[0] + c[1] * x + c[2] * y, c[1], c[2]
-        if terms == 6:
-            place += c[3] * x * x + c[4] * x * y + c[5] * y * y
-            by_x, by_y = by_x + 2.0 * c[3] * x + c[4] * y, by_y + c[4] * x + 2.0 * c[5] * y
-            for m in range(3, 6):
-                values[first + m, n] = c[m]
-        values[first, n], values[first + 1, n], values[first + 2, n] = place, by_x, by_y
+        values[first, n], values[first + 1, n], values[first + 2, n] = expanded(c, x, y)
+        for m in range(3, terms):
+            values[first + m, n] = c[m]

@@ -20,8 +20,9 @@ def warps(terms, n=20):
 def test_chain_goes_through_both(terms):
     first, second = warps(terms), warps(terms)
     centres = np.rint(first[..., 0])
-    total = chained(first, second, centres)
+    total, slope = chained(first, second, centres)
     np.testing.assert_allclose(total[..., 0], apply_warp(second, first[..., 0] - centres))
+    np.testing.assert_allclose(slope, gradient(second, first[..., 0] - centres))
     for size, order in ((1.0, 3), (0.1, 3)):
         offset = RNG.uniform(-size, size, (20, 2))
         through = apply_warp(second, apply_warp(first, offset) - centres)
@@ -34,12 +35,12 @@ def test_slope_is_that_of_the_composed_map():
     step = 1e-4
     places = [apply_warp(first, (sign * step, 0.0)) for sign in (1, -1)]
     difference = (apply_warp(second, places[0] - centres) - apply_warp(second, places[1] - centres)) / (2 * step)
-    np.testing.assert_allclose(gradient(chained(first, second, centres))[..., 0], difference, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(gradient(chained(first, second, centres).warp)[..., 0], difference, rtol=1e-6, atol=1e-8)
 
 
 def test_affine_chain_has_the_product_of_gradients():
     first, second = warps(3), warps(3)
-    total = chained(first, second, np.rint(first[..., 0]))
+    total = chained(first, second, np.rint(first[..., 0])).warp
     np.testing.assert_allclose(gradient(total), gradient(second) @ gradient(first))
 
 
