@@ -114,12 +114,14 @@ def _grid() -> Any:
 
 
 def _judgement() -> None:
-    """Residuals of four subsets, and a photograph at their centres."""
+    """Residuals of four subsets, a photograph at their centres, and two motions of these."""
     import numpy as np
 
+    from dicflow.core.correlation.chain import chained
     from dicflow.core.correlation.light import light_shift
     from dicflow.core.correlation.residuals import new_residuals
     from dicflow.core.correlation.uneven import uneven_variance
+    from dicflow.core.correlation.warp import identity
     from dicflow.core.photographs.interpolate import interpolate, spline
 
     fit = new_residuals(4, 11, 3)
@@ -127,6 +129,7 @@ def _judgement() -> None:
     light_shift(fit, np.ones(4, dtype=bool), 11)
     photograph = spline(np.random.default_rng(0).integers(0, 255, (_SIDE, _SIDE)).astype(np.uint8))
     interpolate(photograph, _grid())
+    chained(identity(_grid()), identity(_grid()), _grid())
 
 
 def _motion() -> None:
