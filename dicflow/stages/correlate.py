@@ -242,8 +242,8 @@ class Correlate(SubsetSearch):
             course = next_course(ready.course, before["xy"], found.warp[..., 0])
             return polygons, self._facts(found, searched.noise, image, polygons), course
 
-        left_out = partial(self._left_out, searched, shape, first, threads)
-        bias, (polygons, facts, course) = at_once(threads, left_out, followed)
+        with_bias = partial(self._left_out, searched, shape, first, threads)
+        bias, (polygons, facts, course) = at_once(threads, with_bias, followed)
         product = Correlation.write(
             found,
             course,

@@ -364,7 +364,7 @@ def test_gaps_do_not_fade_what_cannot_show_them(seen):
 
 
 def test_a_picture_has_the_pixels_of_its_place_whenever_it_is_drawn(seen):
-    """Also before the browser has told its size, which it does with the next frame."""
+    """Also before the browser has sent its size, which it does with the next frame."""
     seen.js("explorer.stage.canvas.width = explorer.stage.canvas.height = 7")
     seen.js("explorer.redraw()")
     sizes = seen.js("[explorer.stage.canvas, explorer.stage.element].map((one) => [one.clientWidth, one.clientHeight])")

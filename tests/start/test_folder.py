@@ -125,7 +125,7 @@ def test_two_cameras_under_one_counter_are_asked_about(tmp_path, specimen, board
 
 
 def test_boards_beside_one_series_are_asked_about(tmp_path, specimen, boards):
-    """Both cameras' photographs may alternate under one counter; one that is told it is alone measures."""
+    """Both cameras' photographs may alternate under one counter; one that is said to be alone measures."""
     write(tmp_path, {"IMG_{:04}.png": [*boards, *specimen]})
     answer = dicflow("init", tmp_path)
     answer.refuses(2, "4 photographs of a board, but one series of the specimen (3 photographs)")

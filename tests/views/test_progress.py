@@ -17,7 +17,7 @@ STAGES = {"photos": {"hit": 1, "run": 1, "pending": 0}, "pair": {"hit": 0, "run"
 
 
 class Clock:
-    """A clock that goes when it is told to."""
+    """A clock that a test sets forward."""
 
     now = 100.0
 

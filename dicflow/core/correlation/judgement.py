@@ -67,16 +67,16 @@ def judge(
     """
     with_residuals = partial(_by_residuals, reference, correlation, search, usual)
     with_noise = partial(_by_noise, reference, correlation, search, route)
-    told, of_all = at_once(search.threads, with_residuals, with_noise)
-    field = told.field
+    residuals, of_all = at_once(search.threads, with_residuals, with_noise)
+    field = residuals.field
     lost = (field.status != Status.VALID) & (correlation.field.status == Status.VALID)
     noise = _Noise(*(_without(values, lost) for values in of_all))
     covariance, by_misfit = noise.covariance, 0.0 * noise.covariance
-    if told.misfit is not None:
-        by_misfit = congruent(noise.slope, misfit_covariance(told.misfit, told.stride, noise.unit))
+    if residuals.misfit is not None:
+        by_misfit = congruent(noise.slope, misfit_covariance(residuals.misfit, residuals.stride, noise.unit))
         covariance = covariance + by_misfit
-    if search.counts_misfit and told.edge_variance.any():
-        covariance = covariance + congruent(noise.slope, told.edge_variance[..., None] * np.array([1.0, 0.0, 1.0]))
+    if search.counts_misfit and residuals.edge_variance.any():
+        covariance = covariance + congruent(noise.slope, residuals.edge_variance[..., None] * np.array([1.0, 0.0, 1.0]))
     return FoundPoints(
         noise.warp,
         field.znssd,
@@ -87,7 +87,7 @@ def judge(
         noise.template,
         noise.inherited,
         noise.slope,
-        _without(told.residual, lost),
+        _without(residuals.residual, lost),
         by_misfit,
     )
 
@@ -156,19 +156,19 @@ def _by_residuals(
     reference: ReferencePhotograph, correlation: CorrelatedField, search: Search, usual: float
 ) -> _Residuals:
     """What residuals tell of the points that were found; those at edges tell nothing of the misfit."""
-    told = _without_edges(reference, correlation, search, usual)
+    residuals = _without_edges(reference, correlation, search, usual)
     if not search.counts_misfit:
-        return told
-    near_edge = told.edge_variance > 0.0
-    stride = misfit_stride(np.isfinite(told.field.warp[..., 0, 0]) & ~near_edge)
+        return residuals
+    near_edge = residuals.edge_variance > 0.0
+    stride = misfit_stride(np.isfinite(residuals.field.warp[..., 0, 0]) & ~near_edge)
     some = slice(None, None, stride), slice(None, None, stride)
     centres, points = correlation.centres[some], reference.points[some]
-    warp = _without(told.field.warp[some], near_edge[some])
+    warp = _without(residuals.field.warp[some], near_edge[some])
     target = _target_noise(gradient(warp, points - centres), correlation, search)
     noise = search.noise**2 * (correlation.damping.template + target)
     pair = correlation.template, correlation.target
     misfit = sampled_misfit(*pair, centres - reference.origin, warp, search.subset, noise, search.threads)
-    return told._replace(misfit=misfit, stride=stride) if misfit.any() else told
+    return residuals._replace(misfit=misfit, stride=stride) if misfit.any() else residuals
 
 
 def _without_edges(

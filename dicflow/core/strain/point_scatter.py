@@ -196,7 +196,7 @@ def scatter_of_points(
     """The errors of U, V and W as the points show them, or as they are stated where the difference may be chance.
 
     Of the misfit the share 1 − c / d² is as found, and the rest as stated: d² are the squares of the differences
-    between what is seen and what is stated, and c those that chance makes. Noise is known, whatever is seen.
+    between what is seen and what is stated, and c those that chance makes. Noise is known without what is seen.
 
     shapes : shape functions of the shares in the errors of the surface
     bias : (row, col, 3) — of the displacements, of which the squares are taken out of more scatter; None if unknown

@@ -149,7 +149,7 @@ def _ahead_of_gaps(jumps: Jumps, surface: MeasuredSurface, lost: Mask, subsets: 
     """For each normal the points (row, col) straight ahead of the ends of long gaps of lost ones, on the crest there.
 
     A gap along a crack is as wide as a subset. One that is twice as long, and not as wide, has the direction of its
-    crack, which goes on: what jumps in that direction counts, whatever is more significant in others.
+    crack, which goes on: what jumps in that direction counts, even if another one is more significant.
     """
     gap, twice = ~surface.known & (surface.points.parts.number > 0), int(np.ceil(subsets.size / subsets.step))
     for number, normal in enumerate(NORMALS):

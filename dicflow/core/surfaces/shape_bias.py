@@ -7,7 +7,7 @@ more of it: by the ratio of what both leave out of r² or of r⁴, the first pow
 So the bias is the difference of this fit and the measured place, over that ratio.
 
 A wide window and many neighbours leave little to noise, but hide the bias of motion that changes within them, as in a
-shear band, and spread it to where there is none. So a narrower window and nearer neighbours count instead where they
+shear band, and spread it to where motion is even. So a narrower window and nearer neighbours count instead where they
 differ by more than noise.
 """
 
